@@ -1,9 +1,9 @@
 """Makes the modules of ``tests`` (``tolerances``, ``reference_data``, ``dense``,
 ``trains``) importable by all tests.
 
-The directory of a conftest.py is put on the path by pytest; the double precision of
-every test comes with the package. Compiled programs are kept for all processes of the
-run, those that tests start too; how they compile stands in ``compiling``.
+Pytest puts the directory of a conftest.py on the path; the double precision of every
+test comes with the package. All processes of the run share compiled programs, those
+that tests start too; ``compiling`` sets how they compile.
 """
 
 import os
@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-kept = None
+programs_folder = None
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    kept = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = kept.name
+    programs_folder = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = programs_folder.name
 
 import compiling  # noqa: E402, F401
 import jax  # noqa: E402
@@ -36,8 +36,8 @@ follow, the others by folder.
 
 @pytest.hookimpl(tryfirst=True)  # before marks select
 def pytest_collection_modifyitems(items):
-    """The longest files first: a worker that takes one of them last leaves the others
-    idle.
+    """Runs the longest files first: a worker that takes one of them last leaves the
+    others idle.
     """
     rank = {name: place for place, name in enumerate(LONGEST)}
     slow = {item.path for item in items if item.get_closest_marker("oracle")}
@@ -48,8 +48,8 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_memory_maps():
-    """Compiled programs beyond the limit of memory maps end the process with a
-    segmentation fault.
+    """Drops compiled programs before their memory maps exceed the limit, which ends
+    the process with a segmentation fault.
     """
     yield
     maps = Path("/proc/self/maps")

@@ -1,5 +1,5 @@
-"""The slow twin: dense matrices in angles, made from the elements alone, in numpy.
-Nothing here is the package's.
+"""A slow twin of the package: dense matrices in angles, from the elements alone, in
+numpy. Nothing here comes from the package.
 
 Disks come in the order of the list, rings of dampers last, as in the package; every
 rotor's own sense is positive, so that a mesh between gears a and b deflects by ``r_a
@@ -26,19 +26,19 @@ def radius_of(parts, name):
 
 
 def links(parts):
-    """``(element, row)`` of shafts, dampers, meshes: the row gives the deflection (rad
-    or m) from the angles.
+    """Pairs ``(element, row)`` of shafts, dampers, meshes: the row gives the deflection
+    (rad or m) from the angles.
     """
     names = disk_names(parts)
-    found = []
+    rows = []
     for kind in (Shaft, Damper, Mesh):
         for p in of_kind(parts, kind):
             a, b = (p.disk, p.name) if kind is Damper else p.between
             row = np.zeros(len(names))
             row[names.index(a)] += radius_of(parts, a) if kind is Mesh else 1.0
             row[names.index(b)] -= radius_of(parts, b) if kind is Mesh else 1.0
-            found.append((p, row))
-    return found
+            rows.append((p, row))
+    return rows
 
 
 def link_stiffness(part, omega):
@@ -62,7 +62,7 @@ def node_stiffness(parts, omega):
 
 
 def dynamic_stiffness(parts, omega):
-    """``(S, S)`` with all meshes in contact."""
+    """Dynamic stiffness ``(S, S)`` with all meshes in contact."""
     Z = node_stiffness(parts, omega)
     for part, row in links(parts):
         Z += link_stiffness(part, omega) * np.outer(row, row)
@@ -70,8 +70,8 @@ def dynamic_stiffness(parts, omega):
 
 
 def torques(parts, harmonics, cycle):
-    """``(S, N+1)`` two-sided coefficients of the given torques (orders of the reference
-    rotor, no scale).
+    """Two-sided coefficients ``(S, N+1)`` of the external torques (orders of the
+    reference rotor, no scale).
     """
     names = disk_names(parts)
     T = np.zeros((len(names), harmonics + 1), complex)
@@ -102,9 +102,7 @@ def law(mesh, l):
 
 
 def galerkin_residual(parts, angles, frequency, cycle, samples):
-    """Torque balance ``(S, N+1)`` of given angles by plain sums over time samples, in N
-    m.
-    """
+    """Torque balance ``(S, N+1)`` of angles by plain sums over time samples, in N m."""
     harmonics = angles.shape[1] - 1
     n = np.arange(harmonics + 1)
     t = 2 * np.pi * np.arange(samples) / samples
@@ -119,15 +117,10 @@ def galerkin_residual(parts, angles, frequency, cycle, samples):
             l = (deflection @ wave).real
             rate = (1j * frequency * n * deflection @ wave).real
             elastic, share = law(part, l)
-            force = (
-                elastic
-                + part.damping
-                * rate
-                * (share if part.damping_law == "contact" else 1.0)
-            ) @ back
+            acting = share if part.damping_law == "contact" else 1.0
+            force = (elastic + part.damping * rate * acting) @ back
         else:
-            force = (
-                np.array([link_stiffness(part, k * frequency) for k in n]) * deflection
-            )
+            stiffness = np.array([link_stiffness(part, k * frequency) for k in n])
+            force = stiffness * deflection
         balance += np.outer(row, force)
     return balance

@@ -8,9 +8,9 @@ from tolerances import GRADIENT, TANGENT
 import jaxhb
 
 TIGHT = {"residual_tolerance": 1e-13, "max_steps": 12, "averaged": False}
-"""Of plans solved to rounding, as differences divide what is left of the residual by
-the step, and differentiated at the time samples of their solve: differences are those
-of the sampled equations.
+"""Options of plans solved to rounding, since differences divide the remaining residual
+by the step. Derivatives are taken at the time samples of the solve, since differences
+are those of the sampled equations.
 """
 
 BOTH_SEPARATE = {
@@ -19,16 +19,17 @@ BOTH_SEPARATE = {
     "flank": (0, 0),
     "start": "march",
     "time_steps": 768,
+    "tolerance": 0.5,
+    "excited": 3,
 }
-BOTH_SEPARATE |= {"tolerance": 0.5, "excited": 3}
-"""Of plans of ``branched_parts`` at 1500 rpm."""
+"""Options of plans of ``branched_parts`` at 1500 rpm."""
 
 
-def tight_plan(**given):
-    """Such a plan, without the estimate of the truncation error, which has no
-    derivative.
+def tight_plan(**options):
+    """A plan solved to rounding, without the estimate of the truncation error, which
+    has no derivative.
     """
-    return jaxhb.Plan(**TIGHT | {"estimated": False} | given)
+    return jaxhb.Plan(**TIGHT | {"estimated": False} | options)
 
 
 def differences(value, at, steps):
@@ -43,22 +44,23 @@ def differences(value, at, steps):
     return ((8 * (near - back) - (far - farther)).T / (12 * steps)).T
 
 
-def compare(found, wanted, tolerance):
-    """Relative to each derivative, or to a thousandth of the largest where one is
-    small: rounding is common to all.
+def compare(derivatives, expected, tolerance):
+    """Compares relative to each derivative, or to a thousandth of the largest where one
+    is small: rounding is common to all.
     """
-    size = np.maximum(np.abs(wanted), 1e-3 * np.abs(wanted).max())
-    assert np.max(np.abs(found - wanted) / size) < tolerance
+    size = np.maximum(np.abs(expected), 1e-3 * np.abs(expected).max())
+    assert np.max(np.abs(derivatives - expected) / size) < tolerance
 
 
 def check_derivative(value, at, *, step=1e-4, staged=True, scale=None):
-    """The derivative of ``value`` of numbers ``at``, all changed by random shares, is
-    that of differences.
+    """Checks the derivative of ``value`` of numbers ``at``, all changed by random
+    shares, against that of differences.
 
-    Relative to each derivative, or to a thousandth of ``scale``, by default the value,
-    where it is smaller. Not ``staged``: without jit.
+    The tolerance is relative to each derivative, or to a thousandth of ``scale``, by
+    default the value, where it is smaller. Not ``staged``: without jit.
     """
-    at, random = np.asarray(at, float), np.random.default_rng(0)
+    at = np.asarray(at, float)
+    random = np.random.default_rng(0)
     direction = (
         at * random.uniform(0.3, 1.0, len(at)) * random.choice([-1.0, 1.0], len(at))
     )
@@ -77,28 +79,25 @@ def check_derivative(value, at, *, step=1e-4, staged=True, scale=None):
         )
 
     def size_of(numbers):
-        return jnp.where(
-            (size := jnp.abs(numbers) if scale is None else scale) == 0, 1.0, size
-        )
+        size = jnp.abs(numbers) if scale is None else scale
+        return jnp.where(size == 0, 1.0, size)
 
-    both = jax.jit(linearised) if staged else linearised
-    numbers, found, weight, backwards = map(np.asarray, both(0.0))
-    changed = (
-        (lambda share: both(share)[0])
-        if staged
-        else lambda share: value(at + share * direction)
-    )
-    near, back, far, farther = (
-        np.asarray(changed(share)) for share in (step, -step, 2 * step, -2 * step)
-    )
-    wanted = (8 * (near - back) - (far - farther)) / (12 * step)
-    size = np.maximum(
-        np.abs(wanted), 1e-3 * (np.abs(numbers) if scale is None else scale)
-    )
-    assert np.all(np.abs(found - wanted) <= GRADIENT * size), np.max(
-        np.abs(found - wanted) / size
-    )
-    terms = weight * found
+    linearise = jax.jit(linearised) if staged else linearised
+    numbers, slopes, weight, backwards = map(np.asarray, linearise(0.0))
+
+    def values_at(share):
+        if staged:
+            return np.asarray(linearise(share)[0])
+        return np.asarray(value(at + share * direction))
+
+    shares = (step, -step, 2 * step, -2 * step)
+    near, back, far, farther = map(values_at, shares)
+    expected = (8 * (near - back) - (far - farther)) / (12 * step)
+    least = 1e-3 * (np.abs(numbers) if scale is None else scale)
+    size = np.maximum(np.abs(expected), least)
+    error = np.abs(slopes - expected)
+    assert np.all(error <= GRADIENT * size), np.max(error / size)
+    terms = weight * slopes
     np.testing.assert_allclose(
         backwards @ direction,
         terms.sum(),

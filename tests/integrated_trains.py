@@ -1,4 +1,4 @@
-"""Systems made for the tests of time integration."""
+"""Systems for the tests of time integration."""
 
 from dataclasses import replace
 
@@ -19,23 +19,41 @@ from jaxhb.train.chain import System, Tree
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
     """A mass on a mesh whose other end is the ground (arm 0)."""
-    whole = np.zeros(1, np.int32)
+    first = np.zeros(1, np.int32)
     tree = Tree(
-        whole,
-        whole + 1,
-        slots(whole + 1),
-        whole,
-        np.array([True]),
-        whole[:0],
-        whole,
-        whole,
+        node=first,
+        parent=first + 1,
+        slots=slots(first + 1),
+        link=first,
+        from_a=np.array([True]),
+        loops=first[:0],
+        end_a=first,
+        end_b=first,
     )
-    values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
-    system = System(tree, *(np.array([v], float) for v in values), np.array(False))
+
+    def single(value):
+        return np.array([value], float)
+
+    system = System(
+        tree,
+        radius=single(1),
+        mass=single(mass),
+        damping=single(damping),
+        ground=single(0),
+        stiffness=single(stiffness),
+        viscous=single(0),
+        loss=single(0),
+        arm_a=single(1),
+        arm_b=single(0),
+        floating=np.array(False),
+    )
     law = Law(
-        *(np.array([v], float) for v in (stiffness, epsilon, transition, backlash))
+        single(stiffness),
+        epsilon=single(epsilon),
+        transition=single(transition),
+        backlash=single(backlash),
     )
-    return system, MeshParameters(whole, law, np.zeros(1), np.array([False]))
+    return system, MeshParameters(first, law, np.zeros(1), np.array([False]))
 
 
 def posed(train, rpm, harmonics=None):
@@ -48,12 +66,11 @@ def posed(train, rpm, harmonics=None):
 
 
 def dense_monodromy(response):
-    """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, of the dense
-    equation arc by arc.
+    """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, from the dense
+    equation, arc by arc.
     """
     train = response.train
-    system = chain.assemble(response.train)
-    system = on_host(system)
+    system = on_host(chain.assemble(train))
     meshes = on_host(law_meshes(train))
     frequency = train.topology.cycle_frequency(float(response.rpm))
     space = state_space(

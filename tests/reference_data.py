@@ -1,6 +1,6 @@
-"""What the tests read in ``tests/data``: copies of reference data (see
-``shared/reference/README.md``), scenes, and cases that are words alone: what is given,
-and what is said.
+"""Data that the tests read in ``tests/data``: copies of reference data (see
+``shared/reference/README.md``), scenes, and cases that are words alone: input and
+sentence.
 """
 
 import functools
@@ -27,10 +27,9 @@ def reference(name):
 
 
 def method_case(name):
-    """``(params, expected)`` of one entry of method_cases.json."""
-    case = next(
-        case for case in reference("method_cases")["cases"] if case["id"] == name
-    )
+    """Pair ``(params, expected)`` of one entry of method_cases.json."""
+    cases = reference("method_cases")["cases"]
+    case = next(case for case in cases if case["id"] == name)
     return case.get("params"), case["expected"]
 
 
@@ -50,6 +49,6 @@ def torsional_model(name):
 
 
 def refused(call, pattern, error=SceneError):
-    """A call is refused with a sentence in which a regular expression is found."""
+    """Checks that a call is refused with a sentence that matches a pattern."""
     with pytest.raises(error, match=pattern):
         call()

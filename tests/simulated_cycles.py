@@ -1,5 +1,5 @@
-"""Cycles of an engine cylinder simulated step by step, valves and ports as orifices:
-for tables that might be measured.
+"""Cycles of an engine cylinder simulated step by step, valves and ports as orifices,
+for tables like measured ones.
 
 The gas of mass m, pressure p and temperature T = p V/(m R) obeys dp = (-n p dV + (n -
 1) dQ + n R sum T dm)/V, Wiebe's heat Q goes with the shape 1, the exponent n with the
@@ -107,25 +107,10 @@ def torque_harmonics(engine: Engine, angles, pressure, orders) -> np.ndarray:
 def _stepped(engine, fires, angle, state, step):
     """Pressure and mass after a step of the classical Runge-Kutta method."""
     half = step / 2.0
-    first = _slopes(engine, fires, angle, *state)
-    second = _slopes(
-        engine,
-        fires,
-        angle + half,
-        *(v + half * s for v, s in zip(state, first, strict=True)),
-    )
-    third = _slopes(
-        engine,
-        fires,
-        angle + half,
-        *(v + half * s for v, s in zip(state, second, strict=True)),
-    )
-    fourth = _slopes(
-        engine,
-        fires,
-        angle + step,
-        *(v + step * s for v, s in zip(state, third, strict=True)),
-    )
+    first = _slopes(engine, fires, angle, state)
+    second = _slopes(engine, fires, angle + half, _moved(state, first, half))
+    third = _slopes(engine, fires, angle + half, _moved(state, second, half))
+    fourth = _slopes(engine, fires, angle + step, _moved(state, third, step))
     slopes = zip(first, second, third, fourth, strict=True)
     return tuple(
         v + step / 6.0 * (a + 2 * b + 2 * c + d)
@@ -133,8 +118,14 @@ def _stepped(engine, fires, angle, state, step):
     )
 
 
-def _slopes(engine, fires, angle, pressure, mass):
+def _moved(state, slopes, step):
+    """State after a step along constant slopes."""
+    return tuple(v + step * s for v, s in zip(state, slopes, strict=True))
+
+
+def _slopes(engine, fires, angle, state):
     """Change of pressure and mass per deg."""
+    pressure, mass = state
     volume, volume_slope = engine.volume(angle)
     temperature = pressure * volume / (mass * GAS_CONSTANT)
     burnt, burning = _burnt(engine, angle) if fires else (0.0, 0.0)
@@ -145,9 +136,8 @@ def _slopes(engine, fires, angle, pressure, mass):
     gained = 0.0
     carried = 0.0
     for opening in (engine.exhaust, engine.inlet):
-        width = opening.width(angle, 180.0 * engine.strokes) / (
-            6.0 * engine.rpm
-        )  # m2 s/deg
+        area = opening.width(angle, 180.0 * engine.strokes)
+        width = area / (6.0 * engine.rpm)  # m2 s/deg
         if pressure > opening.pressure:
             flow = -width * _flow(pressure, temperature, opening.pressure)
             warmth = temperature
@@ -157,12 +147,13 @@ def _slopes(engine, fires, angle, pressure, mass):
         gained = gained + flow
         carried = carried + flow * warmth
     heat = (exponent - 1.0) * engine.heat * burning
-    return (
-        -exponent * pressure * volume_slope + heat + exponent * GAS_CONSTANT * carried
-    ) / volume, gained
+    work = -exponent * pressure * volume_slope
+    pressure_slope = (work + heat + exponent * GAS_CONSTANT * carried) / volume
+    return pressure_slope, gained
 
 
 def _burnt(engine, angle):
+    """Burnt share of the charge and its slope per deg, by Wiebe's function."""
     passed = (angle - engine.start) / engine.duration
     if passed < 0.0:
         return 0.0, 0.0

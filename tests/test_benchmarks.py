@@ -1,4 +1,4 @@
-"""The rivals of the benchmarks integrate the same equations, and refined trains are the
+"""Rivals in the benchmarks integrate the same equations, and refined trains are the
 same trains.
 """
 
@@ -55,18 +55,16 @@ def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
 
 def test_a_refined_train_is_what_build_makes_of_its_pieces():
     def parts(inertia, shafts):
-        made = [jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()]
-        made += [
+        elements = [jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()]
+        elements += [
             jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n)
             for n, (ends, k, r) in shafts.items()
         ]
-        made += [
+        return [
+            *elements,
             jaxhb.Damper(
                 name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0
-            )
-        ]
-        return [
-            *made,
+            ),
             jaxhb.Ground(disk="b", stiffness=5.0),
             jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)]),
         ]
@@ -75,16 +73,16 @@ def test_a_refined_train_is_what_build_makes_of_its_pieces():
     inertia = {"a": 0.9, "b": 1.9, "piece 1": 0.1, "piece 2": 0.1}
     ends = (("a", "piece 1"), ("piece 1", "piece 2"), ("piece 2", "b"))
     cut = parts(
-        inertia, {f"a|b.{k + 1}": (pair, 3e4, 12.0) for k, pair in enumerate(ends)}
+        inertia, {f"a|b.{k + 1}": (disks, 3e4, 12.0) for k, disks in enumerate(ends)}
     )
     fine = refined(jaxhb.build(whole), 5)
-    wanted = jaxhb.build(cut)
-    assert fine.topology == wanted.topology
-    ours = chain.assemble(fine)
-    theirs = chain.assemble(wanted)
+    expected = jaxhb.build(cut)
+    assert fine.topology == expected.topology
+    refined_system = chain.assemble(fine)
+    built_system = chain.assemble(expected)
     for field in ("mass", "damping", "ground", "stiffness", "viscous"):
         np.testing.assert_allclose(
-            getattr(ours, field), getattr(theirs, field), rtol=1e-12
+            getattr(refined_system, field), getattr(built_system, field), rtol=1e-12
         )
 
 
@@ -102,12 +100,10 @@ def test_compiled_integrators_agree_with_the_referee_over_one_cycle(
     from marches import march
     from tasks import prepare
 
-    found = march(prepare(gears, 1833.0), method, STEPS, cycles=1)
-    assert len(law_meshes(gears).link) == len(found.force)
-    assert (
-        np.abs(found.force - orbit.elastic).max()
-        < tolerance * np.abs(orbit.elastic).max()
-    )
+    marched = march(prepare(gears, 1833.0), method, STEPS, cycles=1)
+    assert len(law_meshes(gears).link) == len(marched.force)
+    error = np.abs(marched.force - orbit.elastic).max()
+    assert error < tolerance * np.abs(orbit.elastic).max()
     assert orbit.separated.max() > 0.05
 
 
@@ -125,25 +121,30 @@ def test_the_implicit_integrator_is_of_second_order_while_teeth_stay_in_contact(
     )
     task = dataclasses.replace(task, model=wide._replace(soft=wide.mesh_k))
     finest = march(task, "rk4", 8000, cycles=1).deflection
-    coarse = {n: march(task, "implicit", n, cycles=1).deflection for n in (2000, 4000)}
+    coarse = {
+        steps: march(task, "implicit", steps, cycles=1).deflection
+        for steps in (2000, 4000)
+    }
     errors = [
-        np.abs(found - finest[:, :: 8000 // n]).max() for n, found in coarse.items()
+        np.abs(deflection - finest[:, :: 8000 // steps]).max()
+        for steps, deflection in coarse.items()
     ]
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
 @pytest.mark.parametrize(("masses", "frequency"), [(3, 1.10), (10, 0.94)])
 def test_the_chain_task_has_its_published_points(masses, frequency):
-    told = published()["single"]
+    statement = published()["single"]
     ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
-    assert all(f"{end:.3f}" in told for end in ends)
+    printed = [f"{end:.3f}" for end in ends]
+    assert all(number in statement for number in printed)
     speeds = np.linspace(1.30, frequency, 12)
     condensed = condensed_sweep(masses, speeds)[-1]
     full = full_sweep(masses, speeds)[-1]
-    np.testing.assert_allclose(condensed, full, atol=1e-7)  # both to a residual of 1e-8
-    np.testing.assert_allclose(
-        extremes(full), ends, atol=5e-4
-    )  # half a unit of the last digit
+    # Both have a residual of 1e-8.
+    np.testing.assert_allclose(condensed, full, atol=1e-7)
+    # Half a unit of the last digit.
+    np.testing.assert_allclose(extremes(full), ends, atol=5e-4)
 
 
 def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
@@ -152,29 +153,32 @@ def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
         chain_train(10), rpm=float(rpm_of(speeds[-1])), harmonics=15, tolerance=0.5
     )
     assert response.converged
-    own = listed(response.deflections)
-    wanted = condensed_sweep(10, speeds)[-1:]
-    assert deviation(own, wanted) < 1e-7
-    assert deviation(own, 1.01 * wanted) > 1e-3
+    motion = listed(response.deflections)
+    expected = condensed_sweep(10, speeds)[-1:]
+    assert deviation(motion, expected) < 1e-7
+    assert deviation(motion, 1.01 * expected) > 1e-3
 
 
 def test_a_peer_solves_the_same_chain():
     pytest.importorskip("harmonicbalance")
     from peer_codes import harmonicbalance_sweep
 
-    found, _ = harmonicbalance_sweep(3, SWEEP[:2])
-    assert deviation(found, full_sweep(3, SWEEP[:2])) < ALLOWED
+    motion, _ = harmonicbalance_sweep(3, SWEEP[:2])
+    assert deviation(motion, full_sweep(3, SWEEP[:2])) < ALLOWED
 
 
 def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
-    row = {
+    return {
         "benchmark": "work-precision",
         "method": method,
         "setting": setting,
         "disks": 27,
         "damping_percent": 6,
+        "rpm": rpm,
+        "seconds": seconds,
+        "error": error,
+        "status": status,
     }
-    return row | {"rpm": rpm, "seconds": seconds, "error": error, "status": status}
 
 
 def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
@@ -221,7 +225,8 @@ def test_random_geared_trees_have_the_frequencies_that_mpmath_finds():
 
     random = np.random.default_rng(1)
     with mpmath.workdps(50):
-        found = [compared(random_tree(random), rigid)[OURS] for rigid in (False, True)]
-    assert max(errors.max() for errors, *_ in found) < 1e-12 and {
-        rigid for _, rigid, _ in found
-    } == {0.0}
+        comparisons = [
+            compared(random_tree(random), rigid)[OURS] for rigid in (False, True)
+        ]
+    assert max(errors.max() for errors, _, _ in comparisons) < 1e-12
+    assert {rigid for _, rigid, _ in comparisons} == {0.0}

@@ -1,4 +1,4 @@
-"""What the README and the pages of the documentation show is what the package takes."""
+"""The README and the pages of the documentation show what the package takes."""
 
 import ast
 import dataclasses
@@ -45,10 +45,10 @@ def page(name):
 
 
 def lines_of_shell():
-    kinds = ("sh", "bash", "console", "text")
+    languages = ("sh", "bash", "console", "text")
     lines = [
         line.removeprefix("$ ")
-        for kind in kinds
+        for kind in languages
         for block in blocks(kind)
         for line in block.splitlines()
     ]
@@ -66,18 +66,17 @@ def test_every_command_shown_is_understood():
         command = program.commands.get(name)
         words = arguments[: [*arguments, "|"].index("|")]
         try:
-            (
+            if command:
                 command.make_context(name, words)
-                if command
-                else program.make_context("jaxhb", [name, *words])
-            )
-        except click.exceptions.Exit as told:  # --version and --help print and end
-            assert not told.exit_code
+            else:
+                program.make_context("jaxhb", [name, *words])
+        except click.exceptions.Exit as ending:  # --version and --help print and end
+            assert not ending.exit_code
 
 
 def test_the_table_of_files_names_the_commands_that_write_them():
     options = {
-        name: {opt for one in command.params for opt in one.opts}
+        name: {flag for parameter in command.params for flag in parameter.opts}
         for name, command in program.commands.items()
     }
     rows = re.findall(
@@ -90,9 +89,9 @@ def test_the_table_of_files_names_the_commands_that_write_them():
         "--trace",
         "--plot",
     ]
-    for option, told in rows:
-        takes = [name for name, own in options.items() if option in own]
-        assert sorted(re.findall(r"`(\w+)`", told)) == sorted(takes)
+    for option, cell in rows:
+        commands = [name for name, flags in options.items() if option in flags]
+        assert sorted(re.findall(r"`(\w+)`", cell)) == sorted(commands)
 
 
 def test_every_benchmark_shown_is_there():
@@ -107,9 +106,8 @@ def test_whole_scenes_load_and_parts_of_scenes_have_keys_that_exist(tmp_path):
         tables = tomllib.loads(block)
         for name, rows in tables.items():
             for row in rows if isinstance(rows, list) and name in TABLES else ():
-                assert set(row) <= {
-                    field.name for field in dataclasses.fields(TABLES[name])
-                }, block
+                fields = dataclasses.fields(TABLES[name])
+                assert set(row) <= {field.name for field in fields}, block
         if "disk" in tables:
             loaded("scene.toml", block, tmp_path)
             scenes += 1
@@ -121,19 +119,15 @@ def loaded(name, text, folder):
     return jaxhb.load_scene(folder / name).topology
 
 
-def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains_that_its_words_describe(
-    tmp_path,
-):
+def test_the_scene_engine_and_tables_of_the_pages_are_the_trains_described(tmp_path):
     (scene,) = [
         block
         for block in blocks("toml", page("reference/scene.md"))
         if "[[disk]]" in block
     ]
-    found = loaded("scene.toml", scene, tmp_path)
-    assert (found.mesh_names, found.cylinder_names) == (
-        ("crank gear|pump gear",),
-        ("cylinder 1",),
-    )
+    topology = loaded("scene.toml", scene, tmp_path)
+    assert topology.mesh_names == ("crank gear|pump gear",)
+    assert topology.cylinder_names == ("cylinder 1",)
     (engine,) = [
         block
         for block in blocks("toml", page("reference/excitation.md"))
@@ -145,14 +139,8 @@ def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains
         f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n"
         for pair in zip(throws, throws[1:], strict=False)
     ]
-    assert (
-        len(
-            loaded(
-                "engine.toml", "".join([*parts, LOAD, engine]), tmp_path
-            ).cylinder_names
-        )
-        == 10
-    )
+    text = "".join([*parts, LOAD, engine])
+    assert len(loaded("engine.toml", text, tmp_path).cylinder_names) == 10
     (table,) = [
         block
         for block in blocks("text", page("how_to/other_programs.md"))
@@ -162,13 +150,9 @@ def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains
 
 
 def statements(block):
-    """A block of Python, or what is typed in a session."""
-    return (
-        "".join(
-            example.source for example in doctest.DocTestParser().get_examples(block)
-        )
-        or block
-    )
+    """Code of a block: of a session, the lines that are typed."""
+    examples = doctest.DocTestParser().get_examples(block)
+    return "".join(example.source for example in examples) or block
 
 
 def test_python_uses_names_that_exist():
@@ -192,31 +176,27 @@ def test_python_uses_names_that_exist():
             for node in used
             if isinstance(node.value, ast.Name) and node.value.id == name
         }
-        assert read and read <= set(dir(kind)) | {
-            field.name for field in dataclasses.fields(kind)
-        }
+        fields = {field.name for field in dataclasses.fields(kind)}
+        assert read
+        assert read <= set(dir(kind)) | fields
 
 
 def test_the_reference_has_every_public_name_once():
     directive = r"^\.\. auto(?:function|class|exception):: jaxhb\.(?:design\.)?(\w+)$"
-    listed = re.findall(
-        directive,
-        "\n".join(map(Path.read_text, (DOCS / "reference" / "api").glob("*.md"))),
-        re.M,
-    )
+    pages = (DOCS / "reference" / "api").glob("*.md")
+    listed = re.findall(directive, "\n".join(map(Path.read_text, pages)), re.M)
     public = {*jaxhb.__all__, *jaxhb.design.__all__}
     assert sorted(listed) == sorted(public)
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
 def test_links_and_pictures_lead_to_files(name):
-    """Those of the pages in ``docs`` are checked where these are built."""
+    """The build of the pages in ``docs`` checks their links itself."""
     text = (ROOT / name).read_text(encoding="utf-8")
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
     assert links or name != "README.md"
-    assert [
-        link for link in links if not (ROOT / link.partition("#")[0]).is_file()
-    ] == []
+    files = {link: ROOT / link.partition("#")[0] for link in links}
+    assert [link for link, file in files.items() if not file.is_file()] == []
 
 
 def test_pictures_are_small():
@@ -229,62 +209,54 @@ def test_pictures_are_small():
         for link in links
     ]
     assert len(pictures) >= 3
-    assert all(
-        picture.startswith(b"\x89PNG") and len(picture) < 400_000
-        for picture in pictures
-    )
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures)
+    assert all(len(picture) < 400_000 for picture in pictures)
 
 
 def test_ci_runs_the_two_commands_of_the_readme():
-    """It takes the lines that begin so, as they stand there, and says which it ran."""
+    """CI takes the lines that begin so, word for word, and says which it ran."""
     commands = [line for line in README.splitlines() if line.startswith(INSTALLED)]
     assert [line.rpartition(" && ")[2].split()[0] for line in commands] == [
         ".venv/bin/jaxhb",
         ".venv/bin/python",
     ]
-    assert commands == [
-        line
-        for block in blocks("sh", README)
-        for line in block.splitlines()
-        if ".venv" in line
-    ]
+    lines = [line for block in blocks("sh", README) for line in block.splitlines()]
+    assert commands == [line for line in lines if ".venv" in line]
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert f"grep '^{INSTALLED}' README.md" in script and 'bash -c "$command"' in script
+    assert f"grep '^{INSTALLED}' README.md" in script
+    assert 'bash -c "$command"' in script
 
 
 def test_the_papers_of_the_project_agree_with_the_package():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
-        "project"
-    ]
+    def text_of(name):
+        return (ROOT / name).read_text(encoding="utf-8")
+
+    project = tomllib.loads(text_of("pyproject.toml"))["project"]
     assert project["version"] == jaxhb.__version__
-    assert f"\nversion: {jaxhb.__version__}\n" in (ROOT / "CITATION.cff").read_text(
-        encoding="utf-8"
-    )
-    assert f"\n## {jaxhb.__version__}\n" in (ROOT / "CHANGELOG.md").read_text(
-        encoding="utf-8"
-    )
-    assert "Version 2.0, January 2004" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert f"\nversion: {jaxhb.__version__}\n" in text_of("CITATION.cff")
+    assert f"\n## {jaxhb.__version__}\n" in text_of("CHANGELOG.md")
+    assert "Version 2.0, January 2004" in text_of("LICENSE")
     assert project["license"] == "Apache-2.0"
 
 
 def test_every_variable_of_the_guide_on_files_is_in_a_data_set():
     xarray = pytest.importorskip("xarray")
     text = page("how_to/data_and_files.md")
-    shown = set(re.findall(r"data\.([a-z_]+)", "\n".join(blocks("python", text)))) - {
-        "where",
-        "sel",
-    }
-    parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.0)]
-    parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4, damping=1.0)]
-    parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)])]
+    code = "\n".join(blocks("python", text))
+    shown = set(re.findall(r"data\.([a-z_]+)", code)) - {"where", "sel"}
+    parts = [
+        jaxhb.Disk(name="a", inertia=1.0),
+        jaxhb.Disk(name="b", inertia=1.0),
+        jaxhb.Shaft(between=("a", "b"), stiffness=1e4, damping=1.0),
+        jaxhb.Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)]),
+    ]
     forced = jaxhb.forced_response(jaxhb.build(parts), rpm=[900.0])
     answer = answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())
     (file,) = netcdf({"one": [answer]}, None, along="case")
     reported = xarray.open_dataset(io.BytesIO(file))
-    assert shown and shown <= {*forced.to_xarray(), *reported, *reported.coords}
+    assert shown
+    assert shown <= {*forced.to_xarray(), *reported, *reported.coords}
     named = set(re.findall(r"`([a-z_]+)_\*`", text))
-    assert named and named <= {
-        head.removesuffix("_max")
-        for data in (forced.to_xarray(), reported)
-        for head in data
-    }
+    heads = [*forced.to_xarray(), *reported]
+    assert named
+    assert named <= {head.removesuffix("_max") for head in heads}

@@ -13,12 +13,12 @@ import os, signal, sys, warnings
 import jaxhb
 warnings.simplefilter("ignore")  # jax says that a fork may wait for ever
 train = jaxhb.load_scene("spur_pair")
-def child(what):
+def child(call):
     pid = os.fork()
     if not pid:
         signal.alarm(60)
         try:
-            what()
+            call()
             print("solved", flush=True)
         except RuntimeError as error:
             print(error, flush=True)
@@ -42,22 +42,23 @@ if __name__ == "__main__":
 
 
 def printed(*command):
-    return subprocess.run(
+    """Output of a process of Python."""
+    completed = subprocess.run(
         [sys.executable, *command],
         capture_output=True,
         text=True,
         check=True,
         timeout=300,
-    ).stdout
+    )
+    return completed.stdout
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_process_forked_after_a_solve_ends_with_a_sentence_instead_of_waiting_for_ever():
-    told = printed("-c", FORKED).splitlines()
-    assert len(told) == 3 and all(
-        "Start processes by multiprocessing.get_context('spawn')" in line
-        for line in told
-    )
+def test_a_process_forked_after_a_solve_ends_with_a_sentence_without_waiting():
+    lines = printed("-c", FORKED).splitlines()
+    advice = "Start processes by multiprocessing.get_context('spawn')"
+    assert len(lines) == 3
+    assert all(advice in line for line in lines)
 
 
 def test_a_spawned_process_solves(tmp_path):

@@ -24,8 +24,6 @@ ROOMS = [
     "integration",
     "linear",
     "balance",
-]
-ROOMS += [
     "floquet",
     "certificate",
     "solutions",
@@ -39,28 +37,25 @@ MOST_FILES = 14
 
 
 def imported_rooms(path):
-    """Rooms that a module imports when it runs, by name or relative: not those that
+    """Rooms that a module imports when it runs, by name or relative, without those that
     only types name.
     """
     package = path.relative_to(ROOT.parent).with_suffix("").parts[:-1]
     tree = ast.parse(path.read_text())
-    of_types = [
-        n
-        for n in ast.walk(tree)
-        if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"
+    blocks = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
     ]
-    of_types = {id(inner) for block in of_types for inner in ast.walk(block)}
+    of_types = {id(inner) for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
         if id(node) in of_types:
             continue
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            base = (
-                ".".join(package[: len(package) - node.level + 1]) + "."
-                if node.level
-                else ""
-            )
+            parents = package[: len(package) - node.level + 1]
+            base = ".".join(parents) + "." if node.level else ""
             names = [f"{base}{node.module or ''}.{alias.name}" for alias in node.names]
         else:
             continue
@@ -71,27 +66,28 @@ def imported_rooms(path):
 
 
 def test_every_folder_is_a_room_that_imports_those_below_alone_and_can_be_looked_over():
-    assert {
-        path.name for path in ROOT.iterdir() if (path / "__init__.py").exists()
-    } == set(ROOMS)
-    for rank, own in enumerate(ROOMS):
-        for path in (ROOT / own).rglob("*.py"):
-            assert [
-                room for room in imported_rooms(path) if ROOMS.index(room) > rank
-            ] == [], path
-    for folder in (path for path in ROOT.rglob("*") if (path / "__init__.py").exists()):
-        assert (
-            len([file for file in folder.glob("*.py") if file.name != "__init__.py"])
-            <= MOST_FILES
-        ), folder
-        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), (
-            folder
-        )
+    def is_package(path):
+        return (path / "__init__.py").exists()
+
+    assert {path.name for path in ROOT.iterdir() if is_package(path)} == set(ROOMS)
+    for rank, name in enumerate(ROOMS):
+        for path in (ROOT / name).rglob("*.py"):
+            rooms = imported_rooms(path)
+            assert [room for room in rooms if ROOMS.index(room) > rank] == [], path
+    for folder in filter(is_package, ROOT.rglob("*")):
+        modules = [file for file in folder.glob("*.py") if file.name != "__init__.py"]
+        assert len(modules) <= MOST_FILES, folder
+        source = (folder / "__init__.py").read_text()
+        assert ast.get_docstring(ast.parse(source)), folder
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():
-    owners = {"matplotlib": {"report/figures/draw.py"}, "optax": {"design/descent.py"}}
-    owners |= {"plotly": {"report/page/page.py"}, "jinja2": {"report/page/parts.py"}}
+    owners = {
+        "matplotlib": {"report/figures/draw.py"},
+        "optax": {"design/descent.py"},
+        "plotly": {"report/page/page.py"},
+        "jinja2": {"report/page/parts.py"},
+    }
     for path in ROOT.rglob("*.py"):
         text = path.read_text()
         for library, allowed in owners.items():
@@ -119,10 +115,11 @@ def test_only_the_layout_of_coefficients_transforms_between_instants_and_harmoni
 
 
 def printed(code):
-    """What a process prints that runs ``code``."""
-    return subprocess.run(
+    """Output of a process that runs ``code``."""
+    completed = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    )
+    return completed.stdout.strip()
 
 
 LOADED = (
@@ -171,8 +168,8 @@ PRINTED = {
 
 @pytest.mark.parametrize("fact", PRINTED)
 def test_what_is_loaded_and_set_when_the_package_is_imported(fact):
-    code, wanted = PRINTED[fact]
-    assert printed(code).splitlines()[-1] == wanted
+    code, expected = PRINTED[fact]
+    assert printed(code).splitlines()[-1] == expected
 
 
 def test_programs_are_kept_before_anything_of_the_package_has_loaded_jax(tmp_path):
@@ -198,11 +195,13 @@ def test_processes_started_after_the_first_use_have_the_precision_that_they_had(
 
 
 def test_packages_that_are_always_imported_are_declared():
-    """Those at the top of modules; what belongs to an extra is imported where it is
-    used.
+    """Modules import at their top what is always needed, and what belongs to an extra
+    where they use it.
     """
     project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["project"]
-    declared = {re.match(r"[a-z]+", needed)[0] for needed in project["dependencies"]}
+    declared = {
+        re.match(r"[a-z]+", requirement)[0] for requirement in project["dependencies"]
+    }
     imported = set()
     for path in ROOT.rglob("*.py"):
         for node in ast.parse(path.read_text()).body:
@@ -210,8 +209,9 @@ def test_packages_that_are_always_imported_are_declared():
                 imported |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 imported.add(node.module.split(".")[0])
-    others = imported - {"jaxhb", *sys.stdlib_module_names}
-    assert "scipy" in others and others <= declared
+    required = imported - {"jaxhb", *sys.stdlib_module_names}
+    assert "scipy" in required
+    assert required <= declared
 
 
 def test_every_public_name_is_there():

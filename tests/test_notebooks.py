@@ -1,5 +1,5 @@
-"""The notebooks run from top to bottom, their assertions on the numbers quoted
-included, and keep their outputs.
+"""Notebooks run from top to bottom, with their assertions on the numbers quoted, and
+keep their outputs.
 """
 
 import os
@@ -20,17 +20,13 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 def test_a_notebook_keeps_the_outputs_of_a_whole_run(path):
     cells = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
-    assert not [
-        out for cell in cells for out in cell.outputs if out.output_type == "error"
-    ]
-    assert any(
-        "image/png" in out.get("data", {}) for cell in cells for out in cell.outputs
-    )
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert not [output for output in outputs if output.output_type == "error"]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
 
 
-@pytest.mark.filterwarnings(
-    "ignore"
-)  # of the messaging between kernel and client, none of the code in the cells
+# Warnings of the messaging between kernel and client, none of the code in the cells.
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_in_quick_mode(path, monkeypatch):
     pytest.importorskip("numba")

@@ -17,9 +17,8 @@ SEARCHED = {"tune", "tolerance"}
 them.
 """
 # Share by which a number may differ: where teeth hammer, processors that round
-# otherwise come to motions
+# otherwise come to motions whose times in the gap differ by so much
 ROUNDING = 0.02
-# whose times in the gap differ by so much
 
 newest_jax = pytest.mark.skipif(
     sys.version_info < (3, 12), reason="the pages show what the newest jax gives"
@@ -27,14 +26,11 @@ newest_jax = pytest.mark.skipif(
 
 
 def tolerance_of(number):
-    """How far another number may be from one that is shown: a unit of its last digit,
-    and the share.
-    """
+    """Tolerance of a number as it is shown: a unit of its last digit, and the share."""
     digits, _, exponent = number.partition("e")
     decimals = len(digits.partition(".")[2])
-    return 1.001 * 10.0 ** (int(exponent or 0) - decimals) + ROUNDING * abs(
-        float(number)
-    )
+    last_digit = 10.0 ** (int(exponent or 0) - decimals)
+    return 1.001 * last_digit + ROUNDING * abs(float(number))
 
 
 def reads_alike(old, new):
@@ -42,11 +38,13 @@ def reads_alike(old, new):
     if shown.words_of(old) != shown.words_of(new):
         return False
     pairs = zip(shown.NUMBER.findall(old), shown.NUMBER.findall(new), strict=True)
-    return all(abs(float(a) - float(b)) <= tolerance_of(a) for a, b in pairs)
+    return all(
+        abs(float(left) - float(right)) <= tolerance_of(left) for left, right in pairs
+    )
 
 
 def compare(page, folder, slow):
-    """Run the quick or the slow commands of a page and compare what it shows."""
+    """Runs the quick or the slow commands of a page and compares what it shows."""
     shown.write_inputs(page, folder)
     for block in shown.shown_on(page):
         name = block.command.split()[2]
@@ -132,36 +130,28 @@ def test_pages_with_output_are_found():
         "strength",
         "linear",
     }
-    assert all(
-        re.match(r"\$ jaxhb \w+ ", b.command)
-        for page in shown.pages()
-        for b in shown.shown_on(page)
-    )
+    blocks = [block for page in shown.pages() for block in shown.shown_on(page)]
+    assert all(re.match(r"\$ jaxhb \w+ ", block.command) for block in blocks)
 
 
 @pytest.mark.oracle
 @newest_jax
 def test_python_gives_the_numbers_that_the_readme_says_it_gives():
-    """Each expression whose comment begins with a number; a derivative, which compiles
-    for long, says none.
+    """Compares each expression whose comment begins with a number; a derivative, which
+    compiles for long, says none.
     """
-    (block,) = re.findall(
-        r"```python\n(.*?)```",
-        shown.ROOT.joinpath("README.md").read_text(encoding="utf-8"),
-        re.DOTALL,
-    )
+    readme = shown.ROOT.joinpath("README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     names = {}
-    told = {}
+    values = {}
     for statement in ast.parse(block).body:
         source = ast.get_source_segment(block, statement)
-        comment = re.match(
-            r"\s*# (?=\d)(\S+)",
-            block.splitlines()[statement.end_lineno - 1].partition(source)[2],
-        )
+        line = block.splitlines()[statement.end_lineno - 1]
+        comment = re.match(r"\s*# (?=\d)(\S+)", line.partition(source)[2])
         if comment:
-            told[comment[1]] = eval(source, names)  # noqa: S307
+            values[comment[1]] = eval(source, names)  # noqa: S307
         elif not isinstance(statement, ast.Expr):
             exec(source, names)
-    assert len(told) == 2
-    for number, value in told.items():
+    assert len(values) == 2
+    for number, value in values.items():
         assert abs(float(number) - value) <= tolerance_of(number)

@@ -1,5 +1,5 @@
-"""The fast part of ``benchmarks/stress.py``: random trains of two sizes and the
-extremes that take little time.
+"""Fast part of ``benchmarks/stress.py``: random trains of two sizes and the extremes
+that take little time.
 """
 
 import argparse
@@ -18,8 +18,9 @@ from jaxhb.solutions import planning
 
 pytestmark = pytest.mark.oracle
 
-CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [
-    ((6, 1, 1), index) for index in (0, 2, 3)
+CASES = [
+    *(((3, 1, 0), index) for index in (0, *range(2, 10))),
+    *(((6, 1, 1), index) for index in (0, 2, 3)),
 ]
 MODES_AT = 30
 HARMONICS = 128
@@ -31,12 +32,11 @@ cases share a few programs.
 @cache
 def examined(size, index):
     """Record of a random case, solved once for all tests."""
-    train, rpm, facts = random_trains.random_case(
-        np.random.default_rng([7, index]), size
-    )
+    draw = np.random.default_rng([7, index])
+    train, rpm, facts = random_trains.random_case(draw, size)
     rpm *= stress.mode_harmonic(train, rpm) / MODES_AT
-    found = stress.examine(train, rpm, facts, harmonics=HARMONICS, again=False)
-    return {"seed": 7, "case": index} | found
+    record = stress.examine(train, rpm, facts, harmonics=HARMONICS, again=False)
+    return {"seed": 7, "case": index} | record
 
 
 @pytest.mark.parametrize(("size", "index"), CASES)
@@ -47,26 +47,23 @@ def test_random_train_gives_no_wrong_number_without_status(size, index):
 
 
 def test_well_damped_random_trains_converge():
-    found = [examined(*case) for case in CASES]
-    assert [
-        stress.line(r)
-        for r in found
-        if r["zeta"] >= 0.05 and r["status"] != "CONVERGED"
-    ] == []
+    records = [examined(size, index) for size, index in CASES]
+    damped = [record for record in records if record["zeta"] >= 0.05]
+    failed = [record for record in damped if record["status"] != "CONVERGED"]
+    assert [stress.line(record) for record in failed] == []
 
 
 def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
-    # case 957 of seed 0 at 0.9 % damping: 384 harmonics were estimated to be wrong by
-    # 0.6 %, and were by 3.7 %
+    # Case 957 of seed 0 at 0.9 % damping: 384 harmonics were estimated to be wrong by
+    # 0.6 %, and were by 3.7 %.
     train, rpm, _ = random_trains.random_case(np.random.default_rng([0, 957]))
     loud, faint = mesh_modes.mesh_mode_harmonics(
         train, train.topology.cycle_frequency(rpm)
     )
-    assert 200 < loud < 230 and 950 < faint < 1000
-    assert (
-        planning.tolerance_share(384, faint) == 0.1
-        and planning.tolerance_share(768, faint) == 1.0
-    )
+    assert 200 < loud < 230
+    assert 950 < faint < 1000
+    assert planning.tolerance_share(384, faint) == 0.1
+    assert planning.tolerance_share(768, faint) == 1.0
 
 
 def test_skeletons_fix_what_is_compiled_and_seeds_what_is_drawn():
@@ -77,11 +74,13 @@ def test_skeletons_fix_what_is_compiled_and_seeds_what_is_drawn():
         )
         assert first.topology == second.topology
         assert (first.topology.n_disks, len(first.topology.mesh_names)) == size[:2]
-    again, same = (
+    case, repeated = (
         random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2)
     )
-    assert again[1:] == same[1:]
-    np.testing.assert_array_equal(again[0].meshes.stiffness, same[0].meshes.stiffness)
+    assert case[1:] == repeated[1:]
+    np.testing.assert_array_equal(
+        case[0].meshes.stiffness, repeated[0].meshes.stiffness
+    )
 
 
 def test_a_run_goes_on_where_its_file_ends(tmp_path):
@@ -91,11 +90,15 @@ def test_a_run_goes_on_where_its_file_ends(tmp_path):
         *({"seed": s, "case": c} for s, c in ((7, 0), (7, 2), (8, 1), (7, 5))),
     ]
     file.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file))
-    found = run_cases(
-        asked, "stress", lambda seed, index: {"seed": seed, "case": index, "new": True}
+    options = argparse.Namespace(seed=7, cases=3, only=None, json=str(file))
+    records = run_cases(
+        options,
+        "stress",
+        lambda seed, index: {"seed": seed, "case": index, "new": True},
     )
-    assert [(r["seed"], r["case"], r.get("new", False)) for r in found] == [
+    assert [
+        (record["seed"], record["case"], record.get("new", False)) for record in records
+    ] == [
         (7, 0, False),
         (7, 2, False),
         (7, 1, True),

@@ -1,4 +1,4 @@
-"""How exact a test may ask a number to be: one table for all tests.
+"""Tolerances of numbers: one table for all tests.
 
 Every entry is relative to the size of what is compared unless it says otherwise.
 """

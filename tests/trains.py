@@ -1,4 +1,4 @@
-"""Small drive trains for the tests, as lists of elements; some of them are those of the
+"""Small drive trains for the tests, as lists of elements; some come from the
 benchmarks.
 """
 
@@ -92,18 +92,15 @@ def pair_train(pair, *, transition, stiffness=1.0, backlash=2.0, natural_frequen
         Disk(name=name, inertia=2 * mass, damping=2 * damping * always, radius=1.0)
         for name in "ab"
     ]
-    law = {
-        "epsilon": pair.epsilon,
-        "transition": transition,
-        "damping": damping * (not always),
-    }
     parts.append(
         Mesh(
             between=("a", "b"),
             stiffness=stiffness,
             backlash=backlash,
+            epsilon=pair.epsilon,
+            transition=transition,
+            damping=damping * (not always),
             damping_law="contact",
-            **law,
         )
     )
     wave = force * complex(pair.alternating)
@@ -128,21 +125,25 @@ def pinions_parts(pump):
     """A crank gear between a light cam gear, which hammers at 1500 rpm, and a pump gear
     that takes ``pump`` N m.
     """
-    common = {
-        "stiffness": 2e8,
-        "damping": 1500.0,
-        "backlash": 1e-4,
-        "epsilon": 0.02,
-        "transition": 0.04,
-    }
+
+    def mesh(*gears):
+        return Mesh(
+            between=gears,
+            stiffness=2e8,
+            damping=1500.0,
+            backlash=1e-4,
+            epsilon=0.02,
+            transition=0.04,
+        )
+
     return [
         Disk(name="flywheel", inertia=0.8, damping=0.4),
         Disk(name="crank gear", inertia=0.01, radius=0.05),
         Disk(name="cam gear", inertia=0.008, radius=0.06),
         Disk(name="pump gear", inertia=0.004, radius=0.04),
         Shaft(between=("flywheel", "crank gear"), stiffness=2e5, damping=20.0),
-        Mesh(between=("crank gear", "cam gear"), **common),
-        Mesh(between=("crank gear", "pump gear"), **common),
+        mesh("crank gear", "cam gear"),
+        mesh("crank gear", "pump gear"),
         Ground(disk="flywheel", stiffness=50.0),
         Torque(disk="flywheel", mean=4.0 * 5 / 6 + pump * 5 / 4),
         Torque(

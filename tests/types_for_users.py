@@ -1,5 +1,5 @@
-"""What a type checker knows of the public names in a user's program; ``python -m mypy``
-reads it, nothing runs it.
+"""Types that a checker finds for the public names in a user's program; ``python -m
+mypy`` reads it, nothing runs it.
 """
 
 from typing import Any, assert_type

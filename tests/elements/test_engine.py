@@ -23,15 +23,9 @@ TRAIN = [
     Disk(name="a", inertia=1.0),
     Disk(name="b", inertia=1.0),
     Shaft(between=("a", "b"), stiffness=1e6),
+    Load(disk="b"),
 ]
-TRAIN.append(Load(disk="b"))
-UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
-BURNING = {
-    "compression_ratio": 16.0,
-    "charge_pressure": 2e5,
-    "start": -5.0,
-    "duration": 60.0,
-}
+GAS_TORQUE = [(n / 2, 1.0, 0.0) for n in range(1, 15)]
 MISPRINTS = ((80, 5), (90, 3), (90, 5))
 """The scan has 0.684 for 1.879, and 1.42 for the square root of 2."""
 SHORT = {(80, 1.5): 0.005}
@@ -39,40 +33,39 @@ SHORT = {(80, 1.5): 0.005}
 that alone: 1.73 for 1.73205.
 """
 
-SIZES = {"bore": 0.1, "stroke": 0.12, "rod": 0.2}
-
 
 def engine(**changes):
     """A vee four with common crank pins."""
-    given = {
+    vee_four = {
         "cylinders": 4,
         "disks": ["a", "b"],
         "firing_order": ["A1", "B2", "A2", "B1"],
         "bank_angle": 180.0,
+        "gas_torque": GAS_TORQUE,
     }
-    return Engine(**(given | UNIT | changes))
+    return Engine(**vee_four | changes)
 
 
 def angles(**changes):
+    """Firing angles of a vee four with changes."""
     return firing_angles(vars(engine(**changes)))
+
+
+def single_cylinder(disk):
+    return engine(cylinders=1, disks=[disk], firing_order=[1], bank_angle=None)
 
 
 @pytest.fixture
 def six(tmp_path):
-    """The packaged six-cylinder diesel with its cylinders written as one engine."""
+    """File of the packaged six-cylinder diesel with its cylinders as one engine."""
     text = (SCENES / "six_cylinder_diesel.toml").read_text()
     for name in ("pressure", "peak_pressure"):
         table = f"six_cylinder_diesel_{name}.csv"
         (tmp_path / table).write_bytes((SCENES / table).read_bytes())
     path = tmp_path / "six.toml"
-    path.write_text(
-        "".join(
-            part
-            for part in re.split(r"(?m)^(?=\[)", text)
-            if "[[cylinder]]" not in part
-        )
-        + SIX
-    )
+    parts = re.split(r"(?m)^(?=\[)", text)
+    remaining = [part for part in parts if "[[cylinder]]" not in part]
+    path.write_text("".join(remaining) + SIX)
     return path
 
 
@@ -82,9 +75,9 @@ def test_the_packaged_diesel_is_one_engine(six):
 
 def test_an_expanded_scene_is_the_same_train(six, tmp_path):
     text, beside = scene_text(six, expand=True)
-    assert (
-        text.count("[[cylinder]]") == 6 and "[engine]" not in text and len(beside) == 2
-    )
+    assert text.count("[[cylinder]]") == 6
+    assert "[engine]" not in text
+    assert len(beside) == 2
     (tmp_path / "expanded.toml").write_text(text)
     assert same(load_scene(tmp_path / "expanded.toml"), load_scene(six))
     assert 'pressure = "six_cylinder_diesel_pressure.csv"' in text
@@ -95,15 +88,11 @@ def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tm
     out = tmp_path / "out.toml"
     path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
-    assert train.topology.cylinder_names == (
-        "port 1",
-        "port 2",
-    ) and train.topology.cylinder_fires == (True, False)
+    assert train.topology.cylinder_names == ("port 1", "port 2")
+    assert train.topology.cylinder_fires == (True, False)
     assert train.topology.cylinder_gas_revolutions == (1, 1)
-    assert (train.value("port 2.combustion.start"), train.value("port 2.rod")) == (
-        -4.5,
-        0.21,
-    )
+    assert train.value("port 2.combustion.start") == -4.5
+    assert train.value("port 2.rod") == 0.21
     assert train.value("port 2.firing_angle") == 181.5
     out.write_text(scene_text(path, expand=True)[0])
     assert same(load_scene(out), train)
@@ -115,24 +104,26 @@ def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tm
 def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
     """The packaged 90 degree vee fires every 90 and 54 degrees in turn."""
     order = ["A1", "B1", "A2", "B2", "A4", "B4", "A5", "B5", "A3", "B3"]
-    found = angles(cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0)
+    computed = angles(
+        cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0
+    )
     train = load_scene("gear_train_30")
     names = train.topology.cylinder_names
     packaged = {name: train.value(f"{name}.firing_angle") for name in names}
-    assert {f"cylinder {label}": angle for label, angle in found.items()} == packaged
+    assert {f"cylinder {label}": angle for label, angle in computed.items()} == packaged
 
 
 @pytest.mark.parametrize("alpha", [30, 45, 60, 80, 90])
 def test_vee_banks_add_up_as_published(alpha):
-    """Z = |1 + exp(i p (360 - alpha))| multiplies the vector sum of one bank at order
-    p.
+    """A factor Z = |1 + exp(i p (360 - alpha))| multiplies the vector sum of one bank
+    at order p.
     """
     vee = Engine(
         cylinders=2,
         disks=["a"],
         firing_order=["A1", "B1"],
         bank_angle=float(alpha),
-        **UNIT,
+        gas_torque=GAS_TORQUE,
     )
     torque = np.abs(2 * excitation(build([*TRAIN, vee]), 1000.0, 14)[0][0])
     rows = reference("excitation")["vee_bank_phasing"][
@@ -141,68 +132,66 @@ def test_vee_banks_add_up_as_published(alpha):
     rows = [row for row in rows if row[0] == alpha]
     assert rows
     for _, order, published, computed in rows:
-        assert abs(torque[round(2 * order)] - computed) < 1e-12
+        factor = torque[round(2 * order)]
+        assert abs(factor - computed) < 1e-12
         if (alpha, order) not in MISPRINTS:
-            assert abs(torque[round(2 * order)] - published) <= SHORT.get(
-                (alpha, order), 0.002
-            )
+            assert abs(factor - published) <= SHORT.get((alpha, order), 0.002)
 
 
 def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
-    given = {"cylinders": 6, "disks": ["a"] * 3, "bank_angle": 90.0}
-    order = ["A1", "B1", "A2", "B2", "A3", "B3"]
-    crank = list(angles(firing_order=order, **given).values())
+    vee_six = {
+        "cylinders": 6,
+        "disks": ["a"] * 3,
+        "bank_angle": 90.0,
+        "firing_order": ["A1", "B1", "A2", "B2", "A3", "B3"],
+    }
+    crank = list(angles(**vee_six).values())
     assert crank == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
-    assert list(angles(firing_order=order, firing="even", **given).values()) == [
-        0.0,
-        120.0,
-        240.0,
-        360.0,
-        480.0,
-        600.0,
-    ]
+    even = list(angles(**vee_six, firing="even").values())
+    assert even == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
 
 
 def test_firing_intervals_are_those_given():
-    found = angles(
+    computed = angles(
         bank_angle=None,
         firing_order=[1, 3, 4, 2],
         firing_intervals=[180, 200, 160, 180],
         disks=["a"] * 4,
     )
-    assert found == {"1": 0.0, "3": 180.0, "4": 380.0, "2": 540.0}
+    assert computed == {"1": 0.0, "3": 180.0, "4": 380.0, "2": 540.0}
 
 
 def test_a_two_stroke_engine_fires_every_cylinder_in_a_revolution():
-    given = {
-        "cylinders": 3,
-        "disks": ["a", "a", "b"],
-        "firing_order": [1, 3, 2],
-        "bank_angle": None,
-    }
-    assert angles(stroke_cycle=2, **given) == {"1": 0.0, "3": 120.0, "2": 240.0}
+    computed = angles(
+        stroke_cycle=2,
+        cylinders=3,
+        disks=["a", "a", "b"],
+        firing_order=[1, 3, 2],
+        bank_angle=None,
+    )
+    assert computed == {"1": 0.0, "3": 120.0, "2": 240.0}
 
 
 def test_an_engine_of_python_makes_cylinders():
-    made = cylinders(engine(firing_angle=10.0, gas_factor=[1.0, 0.9, 1.1, 1.0]))
-    assert [c.name for c in made] == [
+    elements = cylinders(engine(firing_angle=10.0, gas_factor=[1.0, 0.9, 1.1, 1.0]))
+    assert [cylinder.name for cylinder in elements] == [
         "cylinder A1",
         "cylinder A2",
         "cylinder B1",
         "cylinder B2",
     ]
-    assert [c.gas_factor for c in made] == [1.0, 0.9, 1.1, 1.0]
-    assert [c.disk for c in made] == ["a", "b", "a", "b"] and made[
-        0
-    ].firing_angle == 10.0
-    own = {"cylinders": 1, "disks": ["a"], "firing_order": [1], "bank_angle": None}
-    plain = Cylinder(name="cylinder 1", disk="a", **UNIT)
-    assert same(build([*TRAIN, engine(**own)]), build([*TRAIN, plain]))
+    assert [cylinder.gas_factor for cylinder in elements] == [1.0, 0.9, 1.1, 1.0]
+    assert [cylinder.disk for cylinder in elements] == ["a", "b", "a", "b"]
+    assert elements[0].firing_angle == 10.0
+    plain = Cylinder(name="cylinder 1", disk="a", gas_torque=GAS_TORQUE)
+    assert same(build([*TRAIN, single_cylinder("a")]), build([*TRAIN, plain]))
 
 
-TWO_SOURCES = SIZES | {"combustion": Combustion(imep=1e6, **BURNING)}
-BAD = reference("cases")["engines"]
-BAD |= {
+COMBUSTION = Combustion(
+    compression_ratio=16.0, charge_pressure=2e5, start=-5.0, duration=60.0, imep=1e6
+)
+TWO_SOURCES = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "combustion": COMBUSTION}
+BAD = reference("cases")["engines"] | {
     "two sources": [
         TWO_SOURCES,
         ["combustion and gas_torque are both given. Keep one of them."],
@@ -212,30 +201,22 @@ BAD |= {
 
 @pytest.mark.parametrize("case", BAD)
 def test_each_fault_of_an_engine_is_said_once(case):
-    changes, wanted = BAD[case]
+    changes, expected = BAD[case]
     with pytest.raises(SceneError) as caught:
         build([*TRAIN, engine(**changes)])
-    assert len(caught.value.sentences) == len(wanted), caught.value
-    for text in wanted:
-        assert sum(text in sentence for sentence in caught.value.sentences) == 1, (
-            caught.value
-        )
-    assert all(
-        sentence.startswith("scene, [engine]") for sentence in caught.value.sentences
-    )
+    sentences = caught.value.sentences
+    assert len(sentences) == len(expected), caught.value
+    for text in expected:
+        assert sum(text in sentence for sentence in sentences) == 1, caught.value
+    assert all(sentence.startswith("scene, [engine]") for sentence in sentences)
 
 
 def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
-    other = Cylinder(name="extra", disk="a", **UNIT)
-    with pytest.raises(
-        SceneError,
-        match=(
-            r"\[\[cylinder\]\] no. 1 'extra': it sits on 'a', a disk of an \[engine\]"
-        ),
-    ):
-        build([*TRAIN, other, engine()])
-    single = {"cylinders": 1, "disks": ["b"], "firing_order": [1], "bank_angle": None}
-    assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == (
-        "extra",
-        "cylinder 1",
+    extra = Cylinder(name="extra", disk="a", gas_torque=GAS_TORQUE)
+    sentence = (
+        r"\[\[cylinder\]\] no. 1 'extra': it sits on 'a', a disk of an \[engine\]"
     )
+    with pytest.raises(SceneError, match=sentence):
+        build([*TRAIN, extra, engine()])
+    train = build([*TRAIN, extra, single_cylinder("b")])
+    assert train.topology.cylinder_names == ("extra", "cylinder 1")

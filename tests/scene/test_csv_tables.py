@@ -1,5 +1,5 @@
-"""Tables as laboratories and spreadsheets write them: one meaning, whatever separates
-columns and marks decimals.
+"""Tables of laboratories and spreadsheets have one meaning, whatever separates columns
+and marks decimals.
 """
 
 import pytest
@@ -9,7 +9,7 @@ from jaxhb.scene.csv_tables import number_rows
 
 COLUMNS = "angle", "pressure"
 ROWS = ((0.0, 1.0e5), (180.0, 1.5e5), (340.0, 38e5), (720.0, 1.0e5))
-AS_WRITTEN = {
+WAYS_TO_WRITE = {
     "header": "crank_deg,p_Pa\n0,1.0e5\n180,1.5e5\n340,38e5\n720,1.0e5\n",
     "semicolons and decimal commas": (
         "crank angle;pressure\n0;1,0e5\n180;1,5e5\n340;38e5\n720;1,0e5\n"
@@ -36,7 +36,7 @@ AS_WRITTEN = {
 }
 
 
-@pytest.mark.parametrize("text", AS_WRITTEN.values(), ids=AS_WRITTEN)
+@pytest.mark.parametrize("text", WAYS_TO_WRITE.values(), ids=WAYS_TO_WRITE)
 def test_a_table_has_the_same_rows_however_it_is_written(text):
     assert number_rows(text, COLUMNS, "p.csv") == ROWS
 
@@ -78,14 +78,13 @@ REFUSED = {
 def test_what_may_mean_two_things_is_refused_in_a_sentence(text, begin):
     with pytest.raises(SceneError) as caught:
         number_rows(text, COLUMNS, "p.csv")
-    assert str(caught.value).startswith(begin) and len(caught.value.sentences) == 1
+    assert str(caught.value).startswith(begin)
+    assert len(caught.value.sentences) == 1
 
 
 @pytest.mark.parametrize("text", REFUSED)
 def test_a_sentence_quotes_nothing_of_a_file_that_is_not_to_be_quoted(text):
     with pytest.raises(SceneError) as caught:
         number_rows(text, COLUMNS, "p.csv", quoted=False)
-    assert not any(
-        cell in str(caught.value)
-        for cell in ("1,5", "101,325", "1.000,5", "1,000,500", "one")
-    )
+    cells = ("1,5", "101,325", "1.000,5", "1,000,500", "one")
+    assert not any(cell in str(caught.value) for cell in cells)

@@ -1,5 +1,5 @@
-"""Trains from TORS and CSV files, scenes written as TOML: what is read, what comes
-back, what is refused.
+"""Trains from TORS and CSV files, and scenes written as TOML: reading, return and
+refusal.
 """
 
 import json
@@ -46,16 +46,15 @@ def shaft(name, stiffness):
 
 
 def gear(name, teeth, parent=None):
-    found = {"type": "GearElement", "name": name, "inertia": 25e-6, "teeth": teeth}
-    return found | ({"parent": parent} if parent else {})
+    element = {"type": "GearElement", "name": name, "inertia": 25e-6, "teeth": teeth}
+    return element | ({"parent": parent} if parent else {})
 
 
 def gearbox(**changes):
     """A motor that drives two shafts by gears."""
-    parts = json.loads(text_of("gearbox.json"))
+    parts = json.loads(text_of("gearbox.json")) | changes
     components = [
-        {"name": name, "elements": elements}
-        for name, elements in (parts | changes).items()
+        {"name": name, "elements": elements} for name, elements in parts.items()
     ]
     joints = [["motor.s", "box.g1"], ["box.g2", "left.a"], ["box.g3", "right.a"]]
     return {"structure": joints, "components": components}
@@ -68,14 +67,12 @@ def write(tmp_path, name, content):
 
 
 def test_a_tors_file_has_the_frequencies_that_opentorsion_finds(tmp_path):
-    """Those of openTorsion 0.3.2, Hz, for the same file."""
-    found = natural_frequencies(
-        load_scene(write(tmp_path, "box.json", gearbox()))
-    ).frequencies_hz
-    np.testing.assert_allclose(
-        found[1:5], [337.22723011, 529.06874559, 2100.4776236, 2955.8700736], rtol=1e-6
-    )
-    assert found[5] > 1e6  # the stiff meshes
+    """Frequencies in Hz, from openTorsion 0.3.2 for the same file."""
+    train = load_scene(write(tmp_path, "box.json", gearbox()))
+    frequencies = natural_frequencies(train).frequencies_hz
+    expected = [337.22723011, 529.06874559, 2100.4776236, 2955.8700736]
+    np.testing.assert_allclose(frequencies[1:5], expected, rtol=1e-6)
+    assert frequencies[5] > 1e6  # the stiff meshes
 
 
 def test_a_tors_file_has_its_disks_gears_and_shafts(tmp_path):
@@ -90,15 +87,13 @@ def test_a_tors_file_has_its_disks_gears_and_shafts(tmp_path):
         "right.hub",
         "right.fan",
     )
-    assert topology.name == "box" and topology.disk_names == names
+    assert topology.name == "box"
+    assert topology.disk_names == names
     assert topology.mesh_names == ("box.g1|box.g2", "box.g1|box.g3")
-    assert [
-        train.value(f"{name}.radius") for name in ("box.g1", "box.g2", "box.g3")
-    ] == [0.05, 0.075, 0.1]
-    assert (
-        train.value("right.long.stiffness") == 7e4
-        and train.value("left.a.damping") == 0.1
-    )
+    gears = ("box.g1", "box.g2", "box.g3")
+    assert [train.value(f"{name}.radius") for name in gears] == [0.05, 0.075, 0.1]
+    assert train.value("right.long.stiffness") == 7e4
+    assert train.value("left.a.damping") == 0.1
 
 
 def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_path):
@@ -110,7 +105,7 @@ def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_
     }
     motor = [rotor, shaft("s", 1e4) | {"inertia": 2.0}]
     path = write(tmp_path, "box.json", gearbox(motor=motor) | {"format": "TORS"})
-    wanted = [
+    expected = [
         "box.json: 'format' of the file is not read.",
         "box.json: 'mass' of 'motor.rotor' is not read.",
         (
@@ -119,11 +114,9 @@ def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_
         ),
         "box.json: 'inertia' of 'motor.s' is not read.",
     ]
-    assert plausibility(load_scene(path))[:4] == wanted
-    assert (
-        plausibility(load_scene(write(tmp_path, "back.toml", scene_text(path)[0])))[:4]
-        == wanted
-    )
+    assert plausibility(load_scene(path))[:4] == expected
+    back = load_scene(write(tmp_path, "back.toml", scene_text(path)[0]))
+    assert plausibility(back)[:4] == expected
     assert not load_scene(write(tmp_path, "box.json", gearbox())).topology.notes
 
 
@@ -137,26 +130,24 @@ def test_gears_with_radii_that_structure_joins_turn_at_the_ratio_of_their_radii(
         [[2e6, -2e6, 0.0], [-2e6, 2e6 + 9 * 5e5, -3 * 5e5], [0.0, -3 * 5e5, 5e5]]
     )
     squares = eigh(stiffness, inertia, eigvals_only=True)
-    found = natural_frequencies(train).frequencies_hz[1:3]
-    np.testing.assert_allclose(found, np.sqrt(squares[1:]) / (2 * np.pi), rtol=1e-5)
-    np.testing.assert_allclose(found, [56.4010, 202.065], rtol=1e-5)
-    assert train.topology.name == "pair" and train.value("G.G.radius") == 0.3
-    told = " ".join(train.topology.notes)
-    assert all(
-        part in told
-        for part in (
-            "'P.P' and 'G.G'",
-            "excitation of 'B.B': rows are taken",
-            "to be in m.",
-        )
+    frequencies = natural_frequencies(train).frequencies_hz[1:3]
+    np.testing.assert_allclose(
+        frequencies, np.sqrt(squares[1:]) / (2 * np.pi), rtol=1e-5
     )
+    np.testing.assert_allclose(frequencies, [56.4010, 202.065], rtol=1e-5)
+    assert train.topology.name == "pair"
+    assert train.value("G.G.radius") == 0.3
+    notes = " ".join(train.topology.notes)
+    assert "'P.P' and 'G.G'" in notes
+    assert "excitation of 'B.B': rows are taken" in notes
+    assert "to be in m." in notes
 
 
 def test_excitations_of_a_tors_file_drive_the_train_as_in_its_scene_and_in_closed_form(
     tmp_path,
 ):
-    """Three coordinates, the pinion turning with three times the wheel's angle and
-    against it, undamped.
+    """Closed form of three coordinates, the pinion turning with three times the wheel's
+    angle and against it, undamped.
     """
     path = DATA / "scenes" / "gear_radius_tors.json"
     rpm = 700.0
@@ -199,16 +190,14 @@ def test_an_excitation_whose_torque_a_tors_file_does_not_tell_is_not_read_and_to
     motor = [disk("rotor", 4e-4) | {"excitation": excitation}, shaft("s", 1e4)]
     topology = load_scene(write(tmp_path, "box.json", gearbox(motor=motor))).topology
     assert not topology.torque_names
-    assert (
-        len(topology.notes) == 1
-        and "'motor.rotor' is not read" in topology.notes[0]
-        and why in topology.notes[0]
-    )
+    (note,) = topology.notes
+    assert "'motor.rotor' is not read" in note
+    assert why in note
 
 
 def test_excitations_of_shafts_and_gears_act_where_opentorsion_puts_them(tmp_path):
-    """At the node where a shaft begins, at the node of a gear; the cycle holds all
-    orders, of which 0 has no load.
+    """Excitations act at the node where a shaft begins and at the node of a gear; the
+    cycle holds all orders, of which 0 has no load.
     """
     values = {"values": [[0, 5.0], [1 / 3, 2.0], [1 / 3, 1.0]]}
     motor = [disk("rotor", 4e-4), shaft("s", 1e4) | {"excitation": values}]
@@ -222,15 +211,11 @@ def test_excitations_of_shafts_and_gears_act_where_opentorsion_puts_them(tmp_pat
         f"box.{name}",
     ]
     assert topology.revolutions_per_cycle == 6
-    assert any(
-        "order 0 of the excitation of 'motor.s' is not read" in note
-        for note in topology.notes
-    )
+    unread = "order 0 of the excitation of 'motor.s' is not read"
+    assert any(unread in note for note in topology.notes)
     back = scene_text(tmp_path / "box.json")[0]
-    assert (
-        "harmonics = [[0.3333333333333333, 3.0, 0.0]]" in back
-        and "harmonics = [[1.0, -4.0, 0.0]]" in back
-    )
+    assert "harmonics = [[0.3333333333333333, 3.0, 0.0]]" in back
+    assert "harmonics = [[1.0, -4.0, 0.0]]" in back
 
 
 @pytest.mark.parametrize(
@@ -266,17 +251,20 @@ def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
         "components": gearbox(box=box)["components"][:2],
     }
     train = load_scene(write(tmp_path, "box.json", content))
-    assert (
-        train.value("box.g2.inertia") == 25e-6 + 1e-4 + 25e-6
-        and train.value("box.g2.damping") == 0.5
-    )
+    assert train.value("box.g2.inertia") == 25e-6 + 1e-4 + 25e-6
+    assert train.value("box.g2.damping") == 0.5
     assert train.topology.mesh_names == ("box.g1|box.g2", "box.g3|box.g4")
     assert train.value("box.g2|box.g3.stiffness") == 1e9
 
 
 def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
-    round_shaft = {"type": "ShaftContinuous", "name": "r", "length": 500.0}
-    round_shaft |= {"outerDiameter": 40.0, "innerDiameter": 20.0}
+    round_shaft = {
+        "type": "ShaftContinuous",
+        "name": "r",
+        "length": 500.0,
+        "outerDiameter": 40.0,
+        "innerDiameter": 20.0,
+    }
     parts = {"name": "c", "elements": [disk("a", 1.0), round_shaft, disk("b", 1.0)]}
     train = load_scene(
         write(tmp_path, "round.json", {"structure": [], "components": [parts]})
@@ -287,8 +275,6 @@ def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
 
 
 CSV = text_of("pump.csv")
-
-
 IN_GERMAN = CSV.replace(",", ";").replace(".", ",")
 
 
@@ -313,9 +299,9 @@ RADII = text_of("gear_radius_tors.json")
 def test_an_imported_train_comes_back_from_its_toml(tmp_path, name, content):
     path = write(tmp_path, name, content)
     text, beside = scene_text(path)
-    assert beside == {} and same(
-        load_scene(write(tmp_path, "back.toml", text)), load_scene(path)
-    )
+    assert beside == {}
+    back = load_scene(write(tmp_path, "back.toml", text))
+    assert same(back, load_scene(path))
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -326,12 +312,13 @@ def test_a_packaged_scene_comes_back_from_its_toml(tmp_path, name, expand):
         (tmp_path / file).write_bytes(source.read_bytes())
     back = load_scene(write(tmp_path, "back.toml", text))
     train = load_scene(name)
-    assert same(back, train) and back.topology.name == name and back.tune == train.tune
+    assert same(back, train)
+    assert back.topology.name == name
+    assert back.tune == train.tune
 
 
 def test_elements_come_back_from_their_toml(tmp_path):
     table = ((0.0, 1e5), (360.0, 8e6), (720.0, 1e5))
-    sizes = {"bore": 0.1, "stroke": 0.12, "rod": 0.2}
     burning = Combustion(
         compression_ratio=16.0, charge_pressure=2e5, start=-5.0, duration=60.0, imep=1e6
     )
@@ -358,7 +345,9 @@ def test_elements_come_back_from_their_toml(tmp_path):
         ),
         Cylinder(
             disk="b",
-            **sizes,
+            bore=0.1,
+            stroke=0.12,
+            rod=0.2,
             traces=[Trace(rpm=1e3, pressure=table), Trace(rpm=2e3, pressure=table)],
         ),
         Engine(
@@ -367,17 +356,20 @@ def test_elements_come_back_from_their_toml(tmp_path):
             firing_order=(1, 2),
             combustion=burning,
             gas_factor=[1.0, 0.9],
-            **sizes,
+            bore=0.1,
+            stroke=0.12,
+            rod=0.2,
         ),
     ]
-    head = {"name": "all", "reference": "a", "revolutions_per_cycle": 4}
-    path = write(
-        tmp_path, "all.toml", elements_text(parts, **head, tune={"rpm": [1.0]})
-    )
-    train = load_scene(path)
-    assert same(train, build(parts, **head, tune={"rpm": [1.0]})) and train.tune == {
-        "rpm": [1.0]
+    head = {
+        "name": "all",
+        "reference": "a",
+        "revolutions_per_cycle": 4,
+        "tune": {"rpm": [1.0]},
     }
+    train = load_scene(write(tmp_path, "all.toml", elements_text(parts, **head)))
+    assert same(train, build(parts, **head))
+    assert train.tune == {"rpm": [1.0]}
 
 
 @pytest.mark.parametrize(
@@ -386,9 +378,10 @@ def test_elements_come_back_from_their_toml(tmp_path):
 def test_all_faults_of_a_file_are_told_at_once(tmp_path, name, content, begins):
     with pytest.raises(SceneError) as caught:
         load_scene(write(tmp_path, name, content))
-    said = [
+    faults = [
         text.removeprefix(f"{name}: ").removeprefix(f"{name}, ")
         for text in caught.value.sentences
     ]
-    assert len(said) == len(begins) and all(map(str.startswith, said, begins)), said
+    assert len(faults) == len(begins), faults
+    assert all(map(str.startswith, faults, begins)), faults
     assert all(text.startswith(name) for text in caught.value.sentences)

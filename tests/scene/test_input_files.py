@@ -1,5 +1,5 @@
-"""Files that scenes and people name: what is no regular file, too large or elsewhere is
-told, never waited for.
+"""Files that scenes and people name: a sentence tells what is no regular file, is too
+large or lies elsewhere, and nothing waits for it.
 """
 
 import csv
@@ -49,17 +49,19 @@ NO_FILES = {
 }
 
 
-def of_a_table(path):
-    torque = (
-        f'[[torque]]\ndisk = "a"\nharmonics = "{path.name}"\n[[load]]\ndisk = "b"\n'
-    )
-    (path.parent / "gears.toml").write_text(SOUND + torque)
+def torque(file):
+    """Tables of a torque that names a file of harmonics, and of a load."""
+    return f'[[torque]]\ndisk = "a"\nharmonics = "{file}"\n[[load]]\ndisk = "b"\n'
+
+
+def read_table(path):
+    (path.parent / "gears.toml").write_text(SOUND + torque(path.name))
     load_scene(path.parent / "gears.toml")
 
 
 READERS = {
     "scene": load_scene,
-    "table": of_a_table,
+    "table": read_table,
     "measurement": lambda path: read_measured(path, None),
 }
 
@@ -73,19 +75,19 @@ def test_what_is_no_regular_file_of_usual_size_is_told_at_once(
     make(path)
     with pytest.raises(SceneError) as caught:
         read(path)
-    assert sentence.replace(
-        "no such file", "no " if read is of_a_table else "no such file"
-    ) in str(caught.value)
-    assert len(caught.value.sentences) == 1 and "given.csv" in str(caught.value)
+    if read is read_table:
+        sentence = sentence.replace("no such file", "no ")
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
+    assert "given.csv" in str(caught.value)
 
 
 @pytest.mark.skipif(
     not os.path.exists("/proc/self/environ"), reason="the system has no such files"
 )
 def test_a_file_of_the_system_that_tells_no_size_is_read_no_further_than_others():
-    assert (
-        read_bytes("/proc/self/environ") and os.stat("/proc/self/environ").st_size == 0
-    )
+    assert read_bytes("/proc/self/environ")
+    assert os.stat("/proc/self/environ").st_size == 0
     with pytest.raises(Unreadable, match="a device"):
         read_bytes("/dev/zero")
 
@@ -112,11 +114,7 @@ def test_nothing_of_a_file_outside_of_the_folder_of_the_scene_is_quoted(
     folder = tmp_path / "scenes"
     folder.mkdir()
     secret.write_text(f"# a comment\n{line}\n")
-    torque = (
-        f'[[torque]]\ndisk = "a"\nharmonics = "{named(folder, secret)}"\n[[load]]\ndisk'
-        ' = "b"\n'
-    )
-    (folder / "gears.toml").write_text(SOUND + torque)
+    (folder / "gears.toml").write_text(SOUND + torque(named(folder, secret)))
     with pytest.raises(SceneError, match="line 2") as caught:
         load_scene(folder / "gears.toml")
     assert not any(word in str(caught.value) for word in ("swordfish", "1,5", "2.5"))
@@ -131,16 +129,14 @@ def test_a_file_below_the_folder_of_the_scene_is_quoted_in_short(tmp_path):
     with pytest.raises(SceneError, match="h.csv, line 2 is 'xxx") as caught:
         load_scene(tmp_path / "gears.toml")
     assert max(map(len, caught.value.sentences)) < 300
-    assert is_beside(tmp_path / "tables" / "h.csv", tmp_path) and not is_beside(
-        tmp_path, tmp_path / "tables"
-    )
+    assert is_beside(tmp_path / "tables" / "h.csv", tmp_path)
+    assert not is_beside(tmp_path, tmp_path / "tables")
 
 
 def test_a_table_outside_of_the_folder_is_read(tmp_path):
     (tmp_path / "h.csv").write_text("1;2,5;3\n")
     (tmp_path / "scenes").mkdir()
-    torque = '[[torque]]\ndisk = "a"\nharmonics = "../h.csv"\n[[load]]\ndisk = "b"\n'
-    (tmp_path / "scenes" / "gears.toml").write_text(SOUND + torque)
+    (tmp_path / "scenes" / "gears.toml").write_text(SOUND + torque("../h.csv"))
     train = load_scene(tmp_path / "scenes" / "gears.toml")
     assert train.torques.harmonics.ravel().tolist() == [2.5, 3.0]
 
@@ -170,9 +166,8 @@ NAMES = [
 
 def test_no_cell_of_a_csv_is_a_formula_and_names_come_back():
     heads = ["rpm", *(f"{name} max N" for name in NAMES)]
-    content = b"".join(
-        as_csv(heads, [[900.0, *NAMES], [-1.5, *[-2.0] * len(NAMES)]])
-    ).decode()
+    rows = [[900.0, *NAMES], [-1.5, *[-2.0] * len(NAMES)]]
+    content = b"".join(as_csv(heads, rows)).decode()
     cells = [cell for row in csv.reader(io.StringIO(content)) for cell in row]
     numbers = [
         cell
@@ -180,10 +175,8 @@ def test_no_cell_of_a_csv_is_a_formula_and_names_come_back():
         if cell.startswith("-") and cell.removeprefix("-").replace(".", "").isdecimal()
     ]
     assert len(numbers) == 1 + len(NAMES)
-    assert not any(
-        cell.startswith(("=", "+", "-", "@", "\t", "\r"))
-        for cell in cells
-        if cell not in numbers
-    )
+    texts = [cell for cell in cells if cell not in numbers]
+    assert not any(text.startswith(("=", "+", "-", "@", "\t", "\r")) for text in texts)
     lines = read_csv(content, "sweep.csv").lines
-    assert list(lines[0].cells) == heads and list(lines[1].cells) == ["900.0", *NAMES]
+    assert list(lines[0].cells) == heads
+    assert list(lines[1].cells) == ["900.0", *NAMES]

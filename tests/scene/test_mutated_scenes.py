@@ -1,6 +1,4 @@
-"""A scene in which something was changed at random is a train, or is refused in
-sentences.
-"""
+"""Scenes changed at random are trains, or are refused in sentences."""
 
 import copy
 import math
@@ -58,16 +56,10 @@ def mutated(scene, random):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_mutated_scene_is_read_or_refused_in_a_few_short_sentences(name, tmp_path):
-    runner = CliRunner()
-    assert (
-        runner.invoke(
-            program, ["scene", name, "--out", str(tmp_path / "sound.toml")]
-        ).exit_code
-        == 0
-    )
-    sound = tomlkit.parse(
-        (tmp_path / "sound.toml").read_text(encoding="utf-8")
-    ).unwrap()
+    file = tmp_path / "sound.toml"
+    written = CliRunner().invoke(program, ["scene", name, "--out", str(file)])
+    assert written.exit_code == 0
+    sound = tomlkit.parse(file.read_text(encoding="utf-8")).unwrap()
     random = np.random.default_rng(20261126)
     refused = 0
     for number in range(COUNT):
@@ -78,6 +70,7 @@ def test_a_mutated_scene_is_read_or_refused_in_a_few_short_sentences(name, tmp_p
             jaxhb.plausibility(jaxhb.load_scene(path))
         except jaxhb.SceneError as error:
             refused += 1
-            assert len(str(error).splitlines()) <= MOST_SENTENCES, number
-            assert all(len(line) < 1000 for line in str(error).splitlines()), number
+            lines = str(error).splitlines()
+            assert len(lines) <= MOST_SENTENCES, number
+            assert all(len(line) < 1000 for line in lines), number
     assert 10 <= refused < COUNT

@@ -1,5 +1,5 @@
-"""Every sentence a scene can be refused with: each fault is told at once with all
-others, and breeds no false one.
+"""Every sentence that refuses a scene: each fault is told at once with all others, and
+breeds no false one.
 """
 
 import tomllib
@@ -17,8 +17,10 @@ CYLINDER = (
     " 0.2\n"
 )
 TABLE = [(float(a), 1e5) for a in range(0, 721, 10)]
-AB = [Disk(name=name, inertia=1.0) for name in "ab"] + [
-    Shaft(between=("a", "b"), stiffness=1e4)
+AB = [
+    Disk(name="a", inertia=1.0),
+    Disk(name="b", inertia=1.0),
+    Shaft(between=("a", "b"), stiffness=1e4),
 ]
 FAULTY = tomllib.loads((DATA / "faulty_scenes.toml").read_text(encoding="utf-8"))
 
@@ -30,26 +32,23 @@ def load(tmp_path, text):
 
 
 def refusal(tmp_path, text):
-    """The sentences that a scene is refused with."""
+    """Sentences that a scene is refused with."""
     with pytest.raises(SceneError) as caught:
         load(tmp_path, text)
-    assert all(sentence.startswith("gears.toml") for sentence in caught.value.sentences)
-    return caught.value.sentences
+    sentences = caught.value.sentences
+    assert all(sentence.startswith("gears.toml") for sentence in sentences)
+    return sentences
 
 
 @pytest.mark.parametrize("case", FAULTY)
 def test_each_fault_of_a_scene_is_told_and_nothing_else(tmp_path, case):
-    text = (
-        FAULTY[case]["scene"]
-        if "scene" in FAULTY[case]
-        else SOUND + FAULTY[case]["added"]
-    )
-    said = refusal(tmp_path, text)
-    wanted = FAULTY[case]["sentences"]
-    assert len(said) == len(wanted), said
-    assert [sum(text in sentence for sentence in said) for text in wanted] == [1] * len(
-        wanted
-    ), said
+    scene = FAULTY[case]
+    text = scene["scene"] if "scene" in scene else SOUND + scene["added"]
+    sentences = refusal(tmp_path, text)
+    expected = scene["sentences"]
+    assert len(sentences) == len(expected), sentences
+    counts = [sum(part in sentence for sentence in sentences) for part in expected]
+    assert counts == [1] * len(expected), sentences
 
 
 def test_the_scene_that_faults_are_added_to_is_sound(tmp_path):
@@ -79,13 +78,10 @@ def test_a_pressure_table_covers_the_gas_cycle_but_for_one_step(span, good):
     if good:
         build(parts)
         return
-    with pytest.raises(
-        SceneError,
-        match=(
-            f"pressure covers 0 to {span} deg, must cover a whole gas cycle of"
-            " (36|72)0 deg"
-        ),
-    ):
+    sentence = (
+        f"pressure covers 0 to {span} deg, must cover a whole gas cycle of (36|72)0 deg"
+    )
+    with pytest.raises(SceneError, match=sentence):
         build(parts)
 
 
@@ -95,40 +91,34 @@ def test_a_pressure_table_covers_the_gas_cycle_but_for_one_step(span, good):
 @pytest.mark.parametrize("place", reference("cases")["places of integers"])
 def test_an_integer_too_large_for_a_double_is_a_sentence(tmp_path, digits, place):
     disks = "[[disk]]\nname = 'a'\ninertia = 1\n[[disk]]\nname = 'b'\ninertia = 1\n"
-    said = refusal(tmp_path, disks + place.format(digits))
-    assert any(
-        words in "\n".join(said)
-        for words in ("digits", "too long to be written", "9999")
-    )
-    assert max(map(len, said)) < 300
+    sentences = refusal(tmp_path, disks + place.format(digits))
+    text = "\n".join(sentences)
+    alternatives = ("digits", "too long to be written", "9999")
+    assert any(words in text for words in alternatives)
+    assert max(map(len, sentences)) < 300
 
 
 @pytest.mark.parametrize("content, sentence", reference("cases")["tables of pressures"])
 def test_sentence_on_a_csv(tmp_path, content, sentence):
     (tmp_path / "p.csv").write_text(content)
-    assert sentence in "\n".join(
-        refusal(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'")
-    )
+    sentences = refusal(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'")
+    assert sentence in "\n".join(sentences)
 
 
 def test_a_csv_stands_for_its_rows(tmp_path):
     (tmp_path / "p.csv").write_text("# angle; Pa\n0; 1e5\n\n720; 3e5\n")
-    one = load(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'")
-    two = load(tmp_path, SOUND + CYLINDER + "pressure = [[0, 1e5], [720, 3e5]]")
-    assert (one.cylinders.pressure == two.cylinders.pressure).all()
+    from_file = load(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'")
+    from_rows = load(tmp_path, SOUND + CYLINDER + "pressure = [[0, 1e5], [720, 3e5]]")
+    assert (from_file.cylinders.pressure == from_rows.cylinders.pressure).all()
 
 
 def test_a_faulty_table_that_all_cylinders_name_is_told_once(tmp_path):
     (tmp_path / "p.csv").write_text("0; 1e5\nx; 2e5\n")
-    parts = [
-        SOUND,
-        *(
-            CYLINDER.replace('"a"', f'"{disk}"') + "pressure = 'p.csv'\n"
-            for disk in "ab"
-        ),
-    ]
-    said = refusal(tmp_path, "".join(parts).replace('[[load]]\ndisk = "c"\n', "", 1))
-    assert [text for text in said if "p.csv" in text] == [
+    cylinders = [CYLINDER.replace('"a"', f'"{disk}"') for disk in "ab"]
+    parts = [f"{cylinder}pressure = 'p.csv'\n" for cylinder in cylinders]
+    scene = SOUND + "".join(parts)
+    sentences = refusal(tmp_path, scene.replace('[[load]]\ndisk = "c"\n', "", 1))
+    assert [text for text in sentences if "p.csv" in text] == [
         "gears.toml, [[cylinder]] no. 1: pressure: p.csv, line 2 is 'x; 2e5', must be 2"
         " numbers angle, pressure, separated by semicolons. Correct it or put #"
         " before it."
@@ -150,12 +140,8 @@ def test_a_syntax_error_names_file_and_line(tmp_path):
 
 
 def test_unknown_scenes_and_files_are_named():
-    with pytest.raises(
-        SceneError,
-        match=(
-            "there is no packaged scene 'gear_trian_30'. Did you mean 'gear_train_30'?"
-        ),
-    ):
+    advice = "there is no packaged scene 'gear_trian_30'. Did you mean 'gear_train_30'?"
+    with pytest.raises(SceneError, match=advice):
         load_scene("gear_trian_30")
     refused(
         lambda: scene_description("nowhere.toml"), "nowhere.toml: there is no such file"
@@ -180,13 +166,7 @@ def test_scaled_means_that_balance_at_every_speed_are_no_fault():
         Disk(name="a", inertia=1.0),
         Disk(name="b", inertia=1.0),
         Shaft(between=("a", "b"), stiffness=1.0),
+        Torque(disk="a", mean=5.0, scale=scale),
+        Torque(disk="b", mean=-5.0, scale=scale),
     ]
-    build(
-        [
-            *parts,
-            *(
-                Torque(disk=d, mean=mean, scale=scale)
-                for d, mean in (("a", 5.0), ("b", -5.0))
-            ),
-        ]
-    )
+    build(parts)

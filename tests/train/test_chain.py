@@ -1,5 +1,5 @@
-"""From drive trains to chains in circumferential displacements, against dense solves in
-angles made by hand.
+"""Drive trains as chains in circumferential displacements, against dense solves in
+angles written by hand.
 """
 
 import dense
@@ -23,29 +23,27 @@ program = jax.jit(dynamic_stiffness.solve_linear)
 
 
 def solve(system, omega, load):
-    """Displacements and forces ``(S, H, R)``: those of the program, which are those of
-    the host to rounding.
+    """Displacements and forces ``(S, H, R)`` of the program, equal to those of the host
+    to rounding.
     """
-    found = [
-        np.asarray(a).transpose(0, 2, 1)
-        for a in program(system, omega, load.transpose(0, 2, 1))
+    by_load = load.transpose(0, 2, 1)
+    results = [
+        np.asarray(result).transpose(0, 2, 1)
+        for result in program(system, omega, by_load)
     ]
-    host = dynamic_stiffness.solve_linear(
-        on_host(system), omega, load.transpose(0, 2, 1)
-    )
-    for of_program, of_host in zip(found, host, strict=True):
-        assert isinstance(of_host, np.ndarray)
-        assert largest_error(of_host.transpose(0, 2, 1), of_program, 1e-300) < ALGEBRAIC
-    return found
+    host = dynamic_stiffness.solve_linear(on_host(system), omega, by_load)
+    for result, host_result in zip(results, host, strict=True):
+        assert isinstance(host_result, np.ndarray)
+        assert largest_error(host_result.transpose(0, 2, 1), result, 1e-300) < ALGEBRAIC
+    return results
 
 
 def random_torques(draw, names):
     """Torques at every harmonic of OMEGA, none at the mean of the viscous ring, whose
     mean angle nothing holds.
     """
-    T = draw.normal(size=(len(names), len(OMEGA))) + 1j * draw.normal(
-        size=(len(names), len(OMEGA))
-    )
+    size = (len(names), len(OMEGA))
+    T = draw.normal(size=size) + 1j * draw.normal(size=size)
     T[:, 0] = T[:, 0].real
     if "viscous ring" in names:
         T[names.index("viscous ring"), 0] = 0.0
@@ -60,19 +58,16 @@ def in_angles(train, T):
     x, force = solve(system, OMEGA, T[:, :, None] / system.radius[:, None, None])
     ends = np.asarray(system.radius)[system.tree.end_a]
     ends[len(ends) - len(train.topology.mesh_names) :] = 1.0
-    return (
-        np.array(chain.to_angles(system, x))[..., 0],
-        np.asarray(force)[..., 0] * ends[:, None],
-    )
+    angles = np.array(chain.to_angles(system, x))[..., 0]
+    return angles, np.asarray(force)[..., 0] * ends[:, None]
 
 
-def largest_error(found, exact, floor=0.0):
+def largest_error(values, exact, floor=0.0):
     """Largest error over the rows of a harmonic, relative to the largest entry of that
     harmonic.
     """
-    return (
-        np.abs(found - exact).max(0) / np.maximum(np.abs(exact).max(0), floor)
-    ).max()
+    size = np.maximum(np.abs(exact).max(0), floor)
+    return (np.abs(values - exact).max(0) / size).max()
 
 
 def test_forces_spread_by_the_transpose_of_deflections_on_the_host_and_the_device():
@@ -80,30 +75,44 @@ def test_forces_spread_by_the_transpose_of_deflections_on_the_host_and_the_devic
     draw = np.random.default_rng(8)
     disks = len(system.mass)
     links = len(system.stiffness)
-    x = draw.normal(size=(disks, 3))
-    f = draw.normal(size=(links, 3))
+    displacements = draw.normal(size=(disks, 3))
+    forces = draw.normal(size=(links, 3))
     some = np.array([links - 1, 2])
     rows = np.zeros((links, disks))
     for link, (a, b) in enumerate(
         zip(system.tree.end_a, system.tree.end_b, strict=True)
     ):
-        rows[link, a], rows[link, b] = system.arm_a[link], -system.arm_b[link]
-    held = np.diag(np.diag(system.ground) + rows.T @ np.diag(system.stiffness) @ rows)
+        rows[link, a] = system.arm_a[link]
+        rows[link, b] = -system.arm_b[link]
+    stiffness = np.diag(
+        np.diag(system.ground) + rows.T @ np.diag(system.stiffness) @ rows
+    )
     for place in (system, jax.tree.map(jnp.asarray, system)):
         np.testing.assert_array_equal(place.incidence(), rows.T)
         np.testing.assert_array_equal(place.incidence(some), rows[some].T)
         np.testing.assert_allclose(
-            place.deflections(x), rows @ x, rtol=0, atol=ALGEBRAIC
+            place.deflections(displacements),
+            rows @ displacements,
+            rtol=0,
+            atol=ALGEBRAIC,
         )
         np.testing.assert_allclose(
-            place.deflections(x, some), rows[some] @ x, rtol=0, atol=ALGEBRAIC
+            place.deflections(displacements, some),
+            rows[some] @ displacements,
+            rtol=0,
+            atol=ALGEBRAIC,
         )
-        np.testing.assert_allclose(place.spread(f), rows.T @ f, rtol=0, atol=ALGEBRAIC)
         np.testing.assert_allclose(
-            place.spread(f[some], some), rows[some].T @ f[some], rtol=0, atol=ALGEBRAIC
+            place.spread(forces), rows.T @ forces, rtol=0, atol=ALGEBRAIC
         )
-        np.testing.assert_allclose(place.held_stiffness(), held, rtol=ALGEBRAIC)
-    assert isinstance(system.spread(f), np.ndarray)
+        np.testing.assert_allclose(
+            place.spread(forces[some], some),
+            rows[some].T @ forces[some],
+            rtol=0,
+            atol=ALGEBRAIC,
+        )
+        np.testing.assert_allclose(place.held_stiffness(), stiffness, rtol=ALGEBRAIC)
+    assert isinstance(system.spread(forces), np.ndarray)
 
 
 @pytest.mark.parametrize("grounded", [True, False], ids=["grounded", "free"])
@@ -117,7 +126,8 @@ def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_an
     train = build(parts, reference="motor")
     names = dense.disk_names(parts)
     system = chain.assemble(train)
-    assert list(train.topology.disk_names) == names and len(system.tree.loops) == 1
+    assert list(train.topology.disk_names) == names
+    assert len(system.tree.loops) == 1
     assert system.floating == (not grounded)
     rigid = np.array([1.0] * 4 + [0.5] * 3 + [1 / 3] * 2 + [1.0, 1 / 3])
     np.testing.assert_allclose(
@@ -133,21 +143,22 @@ def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_an
         Z = dense.dynamic_stiffness(parts, omega)
         load = T[:, k]
         if omega == 0:  # the ring rests on its hub by convention
-            Z[ring, ring], Z[ring, hub] = 1.0, -1.0
+            Z[ring, ring] = 1.0
+            Z[ring, hub] = -1.0
         if omega == 0 and not grounded:
             Z = np.block([[Z, rigid[:, None]], [rigid[None, :], 0.0]])
             load = np.append(load, 0.0)
             angles[:, k] -= rigid * (rigid @ angles[:, k]) / (rigid @ rigid)
         exact[:, k] = np.linalg.solve(Z, load)[: len(names)]
-    # the mean of an ungrounded gearbox: condition 1e5
+    # The mean of an ungrounded gearbox has a condition of 1e5.
     assert largest_error(angles, exact) < ALGEBRAIC * (1 if grounded else 100)
     links = dense.links(parts)
-    wanted = [
+    expected = [
         [dense.link_stiffness(p, w) * (row @ exact[:, k]) for k, w in enumerate(OMEGA)]
         for p, row in links
     ]
-    # the oracle takes forces from differences of angles, which cost it three digits
-    assert largest_error(transmitted, np.array(wanted)) < 1e3 * ALGEBRAIC
+    # The oracle takes forces from differences of angles, which cost it three digits.
+    assert largest_error(transmitted, np.array(expected)) < 1e3 * ALGEBRAIC
 
 
 def test_case_a1_time_is_scaled_by_the_cycle():
@@ -160,29 +171,24 @@ def test_case_a1_time_is_scaled_by_the_cycle():
     np.testing.assert_allclose(
         problem.frequency, float(expected["Omega"]), rtol=ALGEBRAIC
     )
-    Z = np.asarray(
-        dynamic_stiffness.node_stiffness(
-            problem.system, dynamic_stiffness.frequencies(problem.frequency, 1)
-        )
-    )[0]
+    frequencies = dynamic_stiffness.frequencies(problem.frequency, 1)
+    Z = dynamic_stiffness.node_stiffness(problem.system, frequencies)
     stiffness = float(expected["c_tilde"])
-    wanted = [
+    expected_stiffness = [
         stiffness,
         stiffness - float(expected["m_tilde"]) + 1j * float(expected["b_tilde"]),
     ]
-    np.testing.assert_allclose(Z, wanted, rtol=ALGEBRAIC)
-    natural = jaxhb.natural_frequencies(train).frequencies_hz[0] * float(
-        params["T_phys"]
-    )
+    np.testing.assert_allclose(np.asarray(Z)[0], expected_stiffness, rtol=ALGEBRAIC)
+    hz = jaxhb.natural_frequencies(train).frequencies_hz[0]
     np.testing.assert_allclose(
-        natural, float(expected["omega_n_order"]), rtol=ALGEBRAIC
+        hz * float(params["T_phys"]), float(expected["omega_n_order"]), rtol=ALGEBRAIC
     )
 
 
 def test_case_a1_two_gears_become_two_masses():
     params, expected = method_case("A1_gear_reduction_two_wheels")
-    (J1, J2) = numbers(params["J"])
-    (r1, r2) = numbers(params["r"])
+    J1, J2 = numbers(params["J"])
+    r1, r2 = numbers(params["r"])
     disks = [
         Disk(name="a", inertia=J1, radius=r1),
         Disk(name="b", inertia=J2, radius=r2),

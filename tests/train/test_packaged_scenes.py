@@ -1,4 +1,4 @@
-"""The packaged scenes against the reference data."""
+"""Packaged scenes against the reference data."""
 
 import numpy as np
 from reference_data import reference
@@ -10,13 +10,14 @@ from jaxhb.scene.files import load_scene, scene_description, scene_names
 
 
 def test_every_packaged_scene_loads_and_has_a_description():
-    own = [
+    assert scene_names() == [
         "engine_with_damper",
         "first_scene",
         "gear_train_30",
         "inline_four_timing_drive",
+        "six_cylinder_diesel",
+        "spur_pair",
     ]
-    assert scene_names() == [*own, "six_cylinder_diesel", "spur_pair"]
     for name in scene_names():
         assert load_scene(name).topology.name == name
         assert scene_description(name)
@@ -31,8 +32,8 @@ def test_gear_train_30_is_its_specification():
     assert list(t.disk_names[:24]) == [
         d["name"] for d in spec["disks"] if d["node"] not in ring
     ]
-    found = dict(zip(t.disk_names, np.asarray(inertias(train)), strict=True))
-    assert found == {name[d["node"]]: d["inertia_kgm2"] for d in spec["disks"]}
+    inertia = dict(zip(t.disk_names, np.asarray(inertias(train)), strict=True))
+    assert inertia == {name[d["node"]]: d["inertia_kgm2"] for d in spec["disks"]}
     links = {}
     for table, names in (
         (train.shafts, t.shaft_names),
@@ -46,7 +47,8 @@ def test_gear_train_30_is_its_specification():
         for s in spec["shafts"]
     }
     assert links == {
-        frozenset(name[n] for n in between): own for between, own in values.items()
+        frozenset(name[n] for n in between): numbers
+        for between, numbers in values.items()
     }
     assert t.mesh_names == tuple(
         f"{name[m['driver']]}|{name[m['driven']]}" for m in spec["meshes"]
@@ -62,11 +64,13 @@ def test_scenes_have_the_natural_frequencies_of_the_reference():
     published = reference("gear_train_30")[
         "natural_frequencies_hz_meshes_in_contact_no_ground"
     ]
-    found = natural_frequencies(load_scene("gear_train_30")).frequencies_hz
-    np.testing.assert_allclose(found[1:], published[1:], atol=0.051)
-    found = natural_frequencies(load_scene("six_cylinder_diesel")).frequencies_hz
+    frequencies = natural_frequencies(load_scene("gear_train_30")).frequencies_hz
+    np.testing.assert_allclose(frequencies[1:], published[1:], atol=0.051)
+    frequencies = natural_frequencies(load_scene("six_cylinder_diesel")).frequencies_hz
     np.testing.assert_allclose(
-        found[1:], reference("six_cylinder_diesel_2008")["undamped_Hz"][1:], rtol=1e-9
+        frequencies[1:],
+        reference("six_cylinder_diesel_2008")["undamped_Hz"][1:],
+        rtol=1e-9,
     )
 
 
@@ -76,16 +80,11 @@ def test_valve_torques_follow_the_firing_of_their_cylinder():
     torque, _, _ = excitation(train, 2000.0, 24)
     for bank, later in (("A", 0.0), ("B", 90.0)):
         for k, angle in enumerate(spec["firing_deg_crank"]["bank A, throw 1..5"]):
+            disk = train.topology.disk_index(f"cam {bank}{k + 1}")
             for order, re, im in spec["cam_section"]["harmonics_order_re_im_Nm"]:
-                wanted = (
-                    0.5
-                    * complex(re, im)
-                    * np.exp(-1j * order * np.deg2rad(angle + later))
-                )
-                found = torque[
-                    train.topology.disk_index(f"cam {bank}{k + 1}"), round(2 * order)
-                ]
-                assert abs(found - wanted) < 1e-12
+                turn = np.exp(-1j * order * np.deg2rad(angle + later))
+                expected = 0.5 * complex(re, im) * turn
+                assert abs(torque[disk, round(2 * order)] - expected) < 1e-12
 
 
 def test_six_cylinder_diesel_has_the_torque_harmonics_and_mean_of_the_reference():
@@ -94,13 +93,15 @@ def test_six_cylinder_diesel_has_the_torque_harmonics_and_mean_of_the_reference(
     published = spec["cyl_torque_harmonics_2200rpm_exact_orders"]
     torque, _, _ = excitation(train, 2200.0, 24)
     order = np.array(published["order"])
-    wanted = np.array(published["re_im_Nm"]) @ [1, 1j] * np.exp(1j * order * 2 * np.pi)
+    expected = (
+        np.array(published["re_im_Nm"]) @ [1, 1j] * np.exp(1j * order * 2 * np.pi)
+    )
     slots = spec["engine"]["firing_order_slots_by_cylinder"]
     for k, slot in enumerate(slots):
         row = np.asarray(torque[train.topology.disk_index(f"cyl{k + 1}")])
         np.testing.assert_allclose(row[0].real, published["mean_Nm"], rtol=1e-12)
         later = np.exp(-1j * order * slot * 2 * np.pi / 3)
-        np.testing.assert_allclose(2 * row[1:], wanted * later, atol=1e-10)
+        np.testing.assert_allclose(2 * row[1:], expected * later, atol=1e-10)
 
 
 def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
@@ -109,8 +110,7 @@ def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
     half = train.value("gear a|gear b.backlash") / 2
     assert highest_harmonic(train) == 1
     for row in form["rows"][:5]:
-        found = linear_response(train, rpm=row["Omega"] * 3000 * 60 / 32).deflection(
-            "gear a", "gear b"
-        )
-        assert abs(found.amplitudes[0] / half - row["amp_h"][0]) < 1e-8
-        assert abs(1 + found.mean / half - row["mean"]) < 1e-12
+        response = linear_response(train, rpm=row["Omega"] * 3000 * 60 / 32)
+        deflection = response.deflection("gear a", "gear b")
+        assert abs(deflection.amplitudes[0] / half - row["amp_h"][0]) < 1e-8
+        assert abs(1 + deflection.mean / half - row["mean"]) < 1e-12

@@ -1,4 +1,4 @@
-"""Notes on numbers far from usual: none for packaged and published trains, and one for
+"""Notes on numbers far from usual: none for packaged and published trains, a note for
 each slip.
 """
 
@@ -22,7 +22,7 @@ ALL_FOUR = "[[cylinder]] 'cylinder 1', 'cylinder 2', 'cylinder 3', 'cylinder 4':
 def test_a_misfire_is_no_slip(name):
     train = load_scene(name)
     assert plausibility(train.misfire("cylinder 2")) == []
-    assert all(plausibility(one) == [] for one in train.misfires().values())
+    assert all(plausibility(misfiring) == [] for misfiring in train.misfires().values())
 
 
 def test_there_is_nothing_to_note_on_published_and_ordinary_trains():
@@ -60,44 +60,37 @@ def scene(tmp_path):
     "unit, peak", [(1e5, "160 Pa"), (1e6, "16 Pa")], ids=["bar", "MPa"]
 )
 def test_a_pressure_in_another_unit_is_noted(scene, unit, peak):
-    said = (
+    sentence = (
         f"the largest pressure is {peak}, usual 5e5 to 4e7 Pa: is it in Pa, not in bar"
         " or MPa?"
     )
-    assert scene(pressure=lambda angle, p: (angle, p / unit)) == [ALL_FOUR + said]
+    assert scene(pressure=lambda angle, p: (angle, p / unit)) == [ALL_FOUR + sentence]
 
 
 def test_pressures_count_with_their_scale(scene):
-    bar = {"pressure": lambda angle, p: (angle, p / 1e5)}
-    assert (
-        scene(
-            ("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar
-        )
-        == []
-    )
+    scaled = ("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145")
+    assert scene(scaled, pressure=lambda angle, p: (angle, p / 1e5)) == []
 
 
 @pytest.mark.parametrize("change, where", reference("cases")["dead centres"])
 def test_a_table_read_from_another_dead_centre_is_noted(scene, change, where):
-    said = (
+    sentence = (
         f"the pressure is largest {where} firing top dead centre, usual 15 deg before"
-        " to 45 deg after: "
+        " to 45 deg after: is table_firing_tdc the angle at which the table fires?"
     )
-    said += "is table_firing_tdc the angle at which the table fires?"
-    assert scene(("table_firing_tdc = 0.0", change)) == [ALL_FOUR + said]
+    assert scene(("table_firing_tdc = 0.0", change)) == [ALL_FOUR + sentence]
 
 
 def test_a_table_may_be_that_of_a_motored_or_of_a_late_firing_cylinder(scene):
     for turn in (-12, 33):
-        assert (
-            scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn))) == []
-        )
+        notes = scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn)))
+        assert notes == []
 
 
-@pytest.mark.parametrize("old, new, said", reference("cases")["notes on sizes"])
-def test_sizes_in_other_units_are_noted(scene, old, new, said):
+@pytest.mark.parametrize("old, new, sentence", reference("cases")["notes on sizes"])
+def test_sizes_in_other_units_are_noted(scene, old, new, sentence):
     (note,) = scene((old, new))
-    assert note.startswith(ALL_FOUR + said)
+    assert note.startswith(ALL_FOUR + sentence)
 
 
 @pytest.mark.parametrize(
@@ -106,14 +99,16 @@ def test_sizes_in_other_units_are_noted(scene, old, new, said):
 def test_no_crankcase_pressure_beside_absolute_pressures_is_noted(
     scene, least, is_absolute
 ):
-    pressure = {"pressure": lambda angle, p: (angle, p - p.min() + least)}
-    said = (
+    def pressure(angle, p):
+        return angle, p - p.min() + least
+
+    sentence = (
         "ambient_pressure is 0 Pa, usual 3e4 to 1e6 Pa: the pressure in the cylinder is"
         " absolute, and the crankcase"
     )
-    absent = scene(("ambient_pressure = 1e5", ""), **pressure)
-    assert absent == [f"{ALL_FOUR}{said} has about 1e5 Pa"] * is_absolute
-    assert scene(**pressure) == []
+    absent = scene(("ambient_pressure = 1e5", ""), pressure=pressure)
+    assert absent == [f"{ALL_FOUR}{sentence} has about 1e5 Pa"] * is_absolute
+    assert scene(pressure=pressure) == []
 
 
 def test_two_cylinders_that_fire_together_are_noted(scene):
@@ -121,81 +116,80 @@ def test_two_cylinders_that_fire_together_are_noted(scene):
         "firing_order = [1, 3, 4, 2]",
         "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0.5, 359.5, 180]",
     )
-    said = (
+    sentence = (
         "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each"
         " its own firing_angle?"
     )
-    assert scene(together) == [f"[[cylinder]] 'cylinder 3', 'cylinder 4': {said}"]
+    assert scene(together) == [f"[[cylinder]] 'cylinder 3', 'cylinder 4': {sentence}"]
 
 
 def test_two_engines_of_a_train_may_fire_together():
     train = load_scene("gear_train_30")
-    own = tuple(range(len(train.topology.rotor)))
+    rotor = tuple(range(len(train.topology.rotor)))
     apart = dataclasses.replace(
-        train, topology=dataclasses.replace(train.topology, rotor=own)
+        train, topology=dataclasses.replace(train.topology, rotor=rotor)
     )
     same = {f"{name}.firing_angle": 0.0 for name in ("cylinder A1", "cylinder A2")}
-    together = [
-        [note for note in plausibility(one.replace(same)) if "fire together" in note]
-        for one in (train, apart)
-    ]
-    assert len(together[0]) == 1 and together[1] == []
+
+    def together(engines):
+        notes = plausibility(engines.replace(same))
+        return [note for note in notes if "fire together" in note]
+
+    assert len(together(train)) == 1
+    assert together(apart) == []
 
 
 def test_a_pump_that_drives_is_noted(scene):
-    said = (
+    sentence = (
         "it drives with a mean of 20 N m, usual below 0 beside cylinders: what takes"
         " power has a negative mean"
     )
     assert scene(("mean = -20.0", "mean = 20.0")) == [
-        f"[[torque]] 'pump plungers': {said}"
+        f"[[torque]] 'pump plungers': {sentence}"
     ]
 
 
-@pytest.mark.parametrize("values, said", reference("cases")["notes on meshes"])
-def test_meshes_out_of_reach_are_noted(values, said):
+@pytest.mark.parametrize("values, sentence", reference("cases")["notes on meshes"])
+def test_meshes_out_of_reach_are_noted(values, sentence):
     mesh = "crank gear|idler"
     train = load_scene(ENGINE).replace(
         {f"{mesh}.{field}": value for field, value in values.items()}
     )
-    assert plausibility(train) == [f"[[mesh]] '{mesh}': {said}"]
+    assert plausibility(train) == [f"[[mesh]] '{mesh}': {sentence}"]
 
 
-@pytest.mark.parametrize("change, said", reference("cases")["notes on a first scene"])
-def test_numbers_of_a_first_scene_far_from_usual_are_noted(change, said):
+@pytest.mark.parametrize(
+    "change, sentence", reference("cases")["notes on a first scene"]
+)
+def test_numbers_of_a_first_scene_far_from_usual_are_noted(change, sentence):
     notes = plausibility(load_scene("first_scene").replace(change))
-    assert len(notes) == len(change) and said in notes[0]
+    assert len(notes) == len(change)
+    assert sentence in notes[0]
 
 
 def test_the_median_is_that_of_the_own_rotor():
     train = load_scene("gear_train_30")
-    gear = {
-        "idler.inertia": 165.0
-    }  # alone on its rotor: behind gears anything may hang
-    assert plausibility(train.replace(gear)) == []
+    # The idler is alone on its rotor: behind gears anything may hang.
+    assert plausibility(train.replace({"idler.inertia": 165.0})) == []
 
 
 def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
-    """Two free gears on their teeth: the damped modes of the train have no other
-    ratio.
-    """
+    """Damped modes of two free gears on their teeth have no other ratio."""
     pair = jaxhb.load_scene("spur_pair")
     damped = jaxhb.damped_modes(pair).damping_ratio
     np.testing.assert_allclose(jaxhb.tooth_damping_ratios(pair), damped[-1], rtol=1e-9)
-    assert np.isnan(
-        jaxhb.tooth_damping_ratios(pair.replace({"gear a.inertia": 0.0}))
-    ).all()
-    assert jaxhb.tooth_damping_ratios(
-        jaxhb.load_scene("six_cylinder_diesel")
-    ).shape == (0,)
+    massless = pair.replace({"gear a.inertia": 0.0})
+    assert np.isnan(jaxhb.tooth_damping_ratios(massless)).all()
+    diesel = jaxhb.load_scene("six_cylinder_diesel")
+    assert jaxhb.tooth_damping_ratios(diesel).shape == (0,)
 
 
 def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):
     steel = "diameter = 0.05\nstress_concentration = 1.0\ntensile_strength = 6e8\n"
     rated = ("[scene]\n", "[scene]\nrated_rpm = 4000\n")
-    ends = ("throw 2", "throw 3"), ("throw 4", "flywheel primary")
-    throws, behind = (f'between = ["{a}", "{b}"]\n' for a, b in ends)
+    throws = 'between = ["throw 2", "throw 3"]\n'
+    behind = 'between = ["throw 4", "flywheel primary"]\n'
     (note,) = scene(rated, (throws, f"{throws}{steel}"))
-    said = "tensile_strength sets the limits of IACS UR M68, which do not hold"
-    assert note.startswith(f"[[shaft]] 'throw 2|throw 3': {said}")
+    sentence = "tensile_strength sets the limits of IACS UR M68, which do not hold"
+    assert note.startswith(f"[[shaft]] 'throw 2|throw 3': {sentence}")
     assert scene(rated, (behind, f"{behind}{steel}")) == []
