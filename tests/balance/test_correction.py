@@ -121,7 +121,8 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     np.testing.assert_allclose(
         found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
     )
-    assert left <= 1e-11 and 0 < used <= 30
+    assert left <= 1e-11
+    assert 0 < used <= 30
 
 
 def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
@@ -219,7 +220,8 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
-    assert np.isnan(both(2)).all() and np.isfinite(both(60)).all()
+    assert np.isnan(both(2)).all()
+    assert np.isfinite(both(60)).all()
 
 
 def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
@@ -284,7 +286,8 @@ def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
     _, left, used = correct(
         reduced, *prepare(reduced, model, l, SAMPLES, 512), value, 1e-8, 60
     )
-    assert left <= 1e-8 and used <= 28
+    assert left <= 1e-8
+    assert used <= 28
 
 
 def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
@@ -379,7 +382,8 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     monkeypatch.setattr(reduced_models, "MODES", 24)
     few = jax.jit(lambda *a: reduced_model(*a, 256))
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
-    assert len(every.space.transition) == 96 and len(train.space.transition) == 48
+    assert len(every.space.transition) == 96
+    assert len(train.space.transition) == 48
     for harmonic in (11, 12, 13):
         wanted = receptance_of(every, problem.frequency, harmonic)
         found = receptance_of(train, problem.frequency, harmonic)
@@ -404,10 +408,8 @@ def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(cas
         .max(axis=0)
     )
     count = (observed > ALGEBRAIC * observed.max()).sum()
-    assert (
-        0 < count < len(decay)
-        and (observed[count:] <= ALGEBRAIC * observed.max()).all()
-    )
+    assert 0 < count < len(decay)
+    assert (observed[count:] <= ALGEBRAIC * observed.max()).all()
     assert (np.diff(decay[:count]) > 0).all()
 
 

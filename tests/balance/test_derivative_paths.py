@@ -131,7 +131,8 @@ def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflec
     for one in np.eye(len(at)):
         change, gradient, status = second(at, one)
         assert status == jaxhb.Status.CONVERGED
-        assert np.isfinite(change).all() and np.isfinite(gradient).all()
+        assert np.isfinite(change).all()
+        assert np.isfinite(gradient).all()
     if deflection:
         np.testing.assert_allclose(
             gradient[3], 1 + 1 / (4.0 if deflection == 0.3 else 0.2), rtol=PATHS
@@ -189,8 +190,11 @@ CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameter
 @pytest.mark.parametrize(("path", "kind"), CASES)
 def test_a_derivative_is_that_of_differences_and_forwards_is_backwards(path, kind):
     row = next(row for row in table(path) if row["kind"] == kind)
-    assert row["solved"] and row["error"] < GRADIENT and row["transpose"] < TANGENT
-    assert abs(row["gradient"]) > 0 and np.isfinite(row["gradient"])
+    assert row["solved"]
+    assert row["error"] < GRADIENT
+    assert row["transpose"] < TANGENT
+    assert abs(row["gradient"]) > 0
+    assert np.isfinite(row["gradient"])
 
 
 def test_the_paths_are_what_they_are_called():

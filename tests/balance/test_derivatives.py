@@ -90,10 +90,13 @@ def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
         np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05
     )  # both meshes separate
     assert status[0] == status[3] == jaxhb.Status.CONVERGED
-    assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
+    assert status[1] == jaxhb.Status.MAX_STEPS
+    assert status[2] == jaxhb.Status.NONFINITE
     assert status[4] == jaxhb.Status.INVALID_INPUT
-    assert not gradient[[1, 2, 4]].any() and np.isnan(along[1])
-    assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
+    assert not gradient[[1, 2, 4]].any()
+    assert np.isnan(along[1])
+    assert np.isfinite(gradient).all()
+    assert np.all(gradient[0] != 0)
     np.testing.assert_allclose(gradient[0], alone[0], rtol=1e-9)
     assert (
         np.abs(gradient[3] / gradient[0] - 1).max() < 1

@@ -283,7 +283,8 @@ def test_the_residual_is_what_the_equations_of_motion_leave(case):
     A, angles, x = posed(case)
     parts, rpm = CASES[case][:2]
     wanted = torque_balance(parts, angles, 2 * np.pi * rpm / 60, A.samples)
-    assert A.size == x.size and A.disk_names == tuple(dense.disk_names(parts))
+    assert A.size == x.size
+    assert A.disk_names == tuple(dense.disk_names(parts))
     close(A.radius[:, None] * A.unpack(A(x)), wanted, ALGEBRAIC)
     np.testing.assert_allclose(
         A.unpack(x) / A.radius[:, None], angles, rtol=ALGEBRAIC, atol=0
@@ -300,7 +301,8 @@ def test_random_motions_pass_through_all_parts_of_the_laws(case):
         gap, width = (
             np.asarray(getattr(meshes.law, name))[k] for name in ("gap", "width")
         )
-        assert (l[k] < gap).any() and (l[k] > gap + width).any()
+        assert (l[k] < gap).any()
+        assert (l[k] > gap + width).any()
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -356,7 +358,8 @@ def test_a_ring_that_dry_friction_turns_on_is_no_periodic_motion():
     A = jaxhb.harmonic_residual(train, rpm=700.0, harmonics=32)
     left = A.unpack(A(A.pack(A.radius[:, None] * r.angles)))
     assert abs(left[train.topology.disk_names.index("ring"), 0]) > 0.05 * 2.0
-    assert r.status == Status.UNBALANCED and not r.solved
+    assert r.status == Status.UNBALANCED
+    assert not r.solved
     refused(
         lambda: jaxhb.check(r), "creeps: give it a small stiffness", jaxhb.NotConverged
     )
@@ -456,7 +459,8 @@ def test_fewer_harmonics_are_padded_and_other_shapes_refused():
         lambda: A(x[1:]), r"shape \(38,\), must be real of shape \(39,\)", ValueError
     )
     refused(lambda: A.jacobian(x + 1j), "x is complex", ValueError)
-    assert "6 harmonics, 39 unknowns" in repr(A) and "springs" not in repr(A)
+    assert "6 harmonics, 39 unknowns" in repr(A)
+    assert "springs" not in repr(A)
 
 
 def test_what_cannot_work_is_refused_with_a_sentence():

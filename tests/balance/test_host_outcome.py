@@ -41,7 +41,8 @@ def test_a_motion_in_contact_is_that_of_the_program(name):
         found, exact = (
             getattr(outcome.fields, field.name) for outcome in (of_host, of_program)
         )
-        assert isinstance(found, np.ndarray) and found.dtype == exact.dtype
+        assert isinstance(found, np.ndarray)
+        assert found.dtype == exact.dtype
         np.testing.assert_allclose(
             found, exact, rtol=0, atol=ALGEBRAIC * np.abs(exact).max(initial=0.0)
         )

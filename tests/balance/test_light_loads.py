@@ -285,7 +285,8 @@ def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(p
     state = jaxhb.steady_state(
         pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0
     )
-    assert state.kind == "periodic" and "nothing damps" in state.notes[0]
+    assert state.kind == "periodic"
+    assert "nothing damps" in state.notes[0]
     force = state.force("a", "b")
     amplitude = abs(0.4 + 0.1j) * torque / 0.05 / 2
     found = [float(force.mean), float(force.max), float(force.min)]

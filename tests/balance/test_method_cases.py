@@ -174,7 +174,8 @@ def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
 def test_case_a6_permanent_contact_is_the_linear_motion_with_an_offset():
     params, expected = method_case("A6_permanent_contact")
     r = jaxhb.solve(one_mass(q0=float(params["q0"])), rpm=ONE_RADIAN_PER_SECOND)
-    assert r.status == Status.CONVERGED and r.steps == 0
+    assert r.status == Status.CONVERGED
+    assert r.steps == 0
     l = np.asarray(r.deflection("a", "b").coefficients)
     np.testing.assert_allclose(l[0], float(expected["x0"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose(l[1], complex_numbers(expected["x1"]), rtol=ALGEBRAIC)

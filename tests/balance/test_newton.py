@@ -38,7 +38,8 @@ def test_steps_along_a_curved_valley_do_not_depend_on_how_the_equations_are_scal
         lambda x: jnp.array([scale * (x[1] - x[0] ** 2), 1 - x[0]]), [-1.2, 1.0]
     )
     np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-12)
-    assert found.error <= 1e-12 and found.steps <= 12
+    assert found.error <= 1e-12
+    assert found.steps <= 12
 
 
 def test_a_start_that_solves_the_equations_is_kept():
@@ -49,7 +50,9 @@ def test_a_start_that_solves_the_equations_is_kept():
 
 def test_equations_without_a_root_stall():
     found = solve(lambda x: x**2 + 1, [0.5], max_steps=100)
-    assert found.stalled and found.steps < 100 and np.isfinite(found.x).all()
+    assert found.stalled
+    assert found.steps < 100
+    assert np.isfinite(found.x).all()
 
 
 def test_residuals_that_are_not_finite_shorten_the_step():

@@ -155,7 +155,8 @@ def test_new_numbers_compile_nothing(pair, plan):
 
 def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     contact = jaxhb.plan(pair, rpm=3000.0)
-    assert contact.active == () and contact.unknowns == 0
+    assert contact.active == ()
+    assert contact.unknowns == 0
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=contact)
     assert int(response.status) == jaxhb.Status.PLAN_VIOLATED
     refused(
@@ -238,7 +239,8 @@ def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pai
         pytest.fail("asked for though the attempt before was solved")
 
     found = starts.first_solved(case, (hopeless, starts.from_sweeps, never))
-    assert asked == [1, 2] and found.response.converged
+    assert asked == [1, 2]
+    assert found.response.converged
     assert [type(event).__name__ for event in found.response.path] == [
         "Newton",
         "Newton",
@@ -253,7 +255,8 @@ def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
         jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)
     )
     both = stack([more, few])
-    assert both.harmonics == 48 and both.path[1] == few.path
+    assert both.harmonics == 48
+    assert both.path[1] == few.path
     assert both.highest_harmonic.tolist() == [
         more.highest_harmonic,
         few.highest_harmonic,
@@ -313,14 +316,16 @@ def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
     """
     speeds = [3000.0, 4500.0, HAMMERING_RPM]
     together = jaxhb.plan(pair, rpm=speeds, harmonics=50)
-    assert together.active == (0,) and together.flank == (0,)
+    assert together.active == (0,)
+    assert together.flank == (0,)
     assert jaxhb.plan(pair, rpm=3000.0).active == ()
     assert jaxhb.plan(pair, rpm=3000.0, harmonics=50, active="all") == together
     parts = []
     for rpm in (*speeds, 5200.0):
         planned = jaxhb.solve(pair, rpm=rpm, plan=together)
         free = jaxhb.solve(pair, rpm=rpm, harmonics=50)
-        assert planned.converged and free.converged
+        assert planned.converged
+        assert free.converged
         largest = np.abs(free.deflections).max()
         np.testing.assert_allclose(
             planned.deflections[:, :51], free.deflections[:, :51], atol=1e-7 * largest
@@ -397,7 +402,8 @@ def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
         return forwards(1.0), backwards
 
     forwards, backwards = slopes(np.array([3000.0, -1.0, HAMMERING_RPM]))
-    assert np.isfinite(backwards[0]) and backwards[0] != 0
+    assert np.isfinite(backwards[0])
+    assert backwards[0] != 0
     assert forwards[0] == pytest.approx(float(backwards[0]), rel=1e-9)
     np.testing.assert_array_equal(backwards[1:], [failed, failed])
     assert np.isnan(
@@ -442,7 +448,8 @@ def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
     before = executables(solve_problem) + executables(program._solve_all)
     sweep = jaxhb.solve_speeds(pair, rpm=rpm)
     assert executables(solve_problem) + executables(program._solve_all) - before <= 4
-    assert sweep.converged.all() and len(sweep) == 9
+    assert sweep.converged.all()
+    assert len(sweep) == 9
     hammers = np.flatnonzero(
         [one.mesh("gear a", "gear b").separated_fraction > 0 for one in sweep]
     )
@@ -468,7 +475,8 @@ def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion
     np.testing.assert_array_equal(few[3].angles, alone[0].angles)
     many = jaxhb.solve_speeds(train, rpm=rpm)
     rounding = 1e-14 * np.abs(few.angles).max()
-    assert many.converged.all() and many.rpm.tolist() == rpm.tolist()
+    assert many.converged.all()
+    assert many.rpm.tolist() == rpm.tolist()
     np.testing.assert_allclose(many.angles[:5], few.angles, rtol=1e-10, atol=rounding)
     last = jaxhb.solve_speeds(train, rpm=rpm[-1:])  # in a batch that is padded
     np.testing.assert_allclose(many.angles[-1:], last.angles, rtol=1e-10, atol=rounding)
@@ -495,7 +503,8 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     assert [first.start, march.start] == ["linear", "march"]
     assert first.harmonics < modes < 1.5 * modes <= march.harmonics
     case = case_of(pair, 7950.0, harmonics=50)
-    assert case.plan.start == "linear" and case.plan.active
+    assert case.plan.start == "linear"
+    assert case.plan.active
     assert starts.first_solved(case, (starts.from_sweeps,)).response.converged
 
 
@@ -538,12 +547,14 @@ def test_mean_torque_that_nothing_holds_has_a_status():
 def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
     train = build(pinions_parts(pump=300.0), reference="flywheel")
     plan = jaxhb.plan(train, rpm=1500.0, harmonics=192)
-    assert plan.active == (0,) and plan.flank == (0, 1)
+    assert plan.active == (0,)
+    assert plan.flank == (0, 1)
     assert plan.unknowns == 2 * 192 + 1
     every = dataclasses.replace(plan, active=(0, 1), flank=(0, 0))
     assert every.unknowns == 2 * plan.unknowns
     one, both = (jaxhb.solve(train, rpm=1500.0, plan=p) for p in (plan, every))
-    assert one.converged and both.converged
+    assert one.converged
+    assert both.converged
     for mesh in (("crank gear", "cam gear"), ("crank gear", "pump gear")):
         assert one.force(*mesh).max == pytest.approx(
             float(both.force(*mesh).max), rel=1e-8
@@ -565,7 +576,8 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
         case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank
     )
     found = starts.first_solved(case, (starts.from_sweeps,)).response
-    assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
+    assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED
+    assert found.converged
     assert found.mesh(*mesh).separated_fraction > 0
     assert found.force(*mesh).max == pytest.approx(
         float(careful.force(*mesh).max), rel=1e-8
@@ -579,10 +591,8 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(lanes):
     *status, not_solved, not_finite = lanes[0].status.tolist()
     assert status[:3] == [jaxhb.Status.CONVERGED] * 3
     assert status[3:] == [jaxhb.Status.INVALID_INPUT] * (len(OUT_OF_RANGE) + len(WRONG))
-    assert (
-        not_solved in (jaxhb.Status.STALLED, jaxhb.Status.MAX_STEPS)
-        and not_finite == jaxhb.Status.NONFINITE
-    )
+    assert not_solved in (jaxhb.Status.STALLED, jaxhb.Status.MAX_STEPS)
+    assert not_finite == jaxhb.Status.NONFINITE
 
 
 @pytest.mark.parametrize("place", [len(SPEEDS), -2], ids=["out of range", "not solved"])
@@ -631,7 +641,8 @@ def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(
         contact.reverse_contact_fraction,
         contact.pulling_force,
     ]
-    assert np.isnan(read).all() and contact.impacts == []
+    assert np.isnan(read).all()
+    assert contact.impacts == []
     refused(
         lambda: jaxhb.check(response),
         jaxhb.Status(int(response.status)).name,
@@ -663,13 +674,15 @@ def test_a_response_is_a_clean_tree(pair, plan):
         return response.force("gear a", "gear b").max
 
     values = [float(largest(response)) for response in responses]
-    assert len(traced) == 1 and len(set(values)) == 5
+    assert len(traced) == 1
+    assert len(set(values)) == 5
     sweep = stack(responses)
     assert all(len(leaf) == 5 for leaf in jax.tree.leaves(sweep))
     np.testing.assert_allclose(
         jax.vmap(lambda r: r.force("gear a", "gear b").max)(sweep), values, rtol=1e-12
     )
-    assert sweep[3].train is pair and jax.tree.map(np.asarray, sweep[3]).train is None
+    assert sweep[3].train is pair
+    assert jax.tree.map(np.asarray, sweep[3]).train is None
 
 
 def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_long_trains_take(

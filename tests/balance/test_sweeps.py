@@ -307,8 +307,10 @@ def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     met, missed, unsettled = (
         solved(hammering, tolerance) for tolerance in (0.01, 1e-5, 1e-15)
     )
-    assert met.status == Status.CONVERGED and met.truncation_error <= 0.01
-    assert missed.status == Status.TOLERANCE_NOT_MET and missed.truncation_error > 1e-5
+    assert met.status == Status.CONVERGED
+    assert met.truncation_error <= 0.01
+    assert missed.status == Status.TOLERANCE_NOT_MET
+    assert missed.truncation_error > 1e-5
     assert unsettled.status == Status.MAX_STEPS
     # Energy: what torques do and dampers take, to what the harmonics left out carry.
     assert abs(missed.power_defect) < 1e-4

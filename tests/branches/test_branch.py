@@ -85,7 +85,8 @@ def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longes
     """
     branch = chain(longest)
     folds = branch.folds * 2 * np.pi / 60
-    assert len(folds) == 8 and "end of the range" in branch.ended
+    assert len(folds) == 8
+    assert "end of the range" in branch.ended
     np.testing.assert_allclose(folds, PUBLISHED, atol=1.5e-3)
     points = [point for point in branch.special if point.kind == "fold"]
     for point, w in zip(points, folds, strict=True):
@@ -99,7 +100,8 @@ def test_every_change_of_stability_has_its_name():
     branch = chain(0.1)
     changes = np.flatnonzero(np.diff(branch.stable.astype(int)))
     near = {point.after + shift for point in branch.special for shift in (-1, 0, 1)}
-    assert len(changes) >= 6 and set(changes.tolist()) <= near
+    assert len(changes) >= 6
+    assert set(changes.tolist()) <= near
     assert {"fold", "period doubling", "Neimark-Sacker"} == {
         point.kind for point in branch.special
     }
@@ -115,10 +117,8 @@ def test_a_branch_never_turns_back_on_itself():
     distance = np.linalg.norm(y[:, None] - y, axis=-1)
     apart = np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y)))) > 1
     steps = np.linalg.norm(np.diff(y, axis=0), axis=1)
-    assert (
-        np.all(distance[apart] > 0)
-        and distance[1:][:, :-1][apart[1:, :-1]].min() > 0.5 * steps.min()
-    )
+    assert np.all(distance[apart] > 0)
+    assert distance[1:][:, :-1][apart[1:, :-1]].min() > 0.5 * steps.min()
     tangents = np.array([tangent for _, tangent in branch._path])
     assert np.all(np.einsum("ij,ij->i", np.diff(y, axis=0), tangents[:-1]) > 0)
 
@@ -127,23 +127,23 @@ def test_a_branch_is_resumed_from_any_of_its_points_forwards_and_backwards():
     branch = chain(0.1)
     middle = len(branch) // 2
     onward = branch.resume(middle, options=BranchOptions(longest=0.1))
-    assert (
-        onward.value[0] == branch.value[middle]
-        and abs(onward.value[-1] - branch.value[-1]) < 1e-6
-    )
+    assert onward.value[0] == branch.value[middle]
+    assert abs(onward.value[-1] - branch.value[-1]) < 1e-6
     kept = branch.folds[
         [point.after >= middle for point in branch.special if point.kind == "fold"]
     ]
     np.testing.assert_allclose(onward.folds, kept, rtol=1e-6)
     back = branch.resume(10, backwards=True, to=1.05 * branch.value[0])
-    assert abs(back.value[-1] - 1.05 * branch.value[0]) < 1e-6 and len(back.folds) == 0
+    assert abs(back.value[-1] - 1.05 * branch.value[0]) < 1e-6
+    assert len(back.folds) == 0
 
 
 def test_points_are_solutions_of_the_harmonic_equations():
     branch = chain(0.1)
     number = int(np.argmax(branch.largest_deflection[:, 0]))
     response = branch.response(number)
-    assert response.residual < 1e-10 and response.steps == 0
+    assert response.residual < 1e-10
+    assert response.steps == 0
     left, _ = dense_residual(*dense_point(branch, number))
     assert np.abs(left).max() < 1e-9
     assert (
@@ -203,7 +203,8 @@ def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
     back = jaxhb.follow(
         chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, begin=first
     )
-    assert len(back.folds) == 1 and "turns back and leaves the range" in back.ended
+    assert len(back.folds) == 1
+    assert "turns back and leaves the range" in back.ended
     assert back.value[-1] == pytest.approx(back.value[0])
 
 

@@ -55,8 +55,10 @@ def test_boundaries_over_the_mean_torque_are_a_closed_form():
         np.testing.assert_allclose(
             np.sort(found.rpm[own]), np.sort(roots) * NATURAL * 30 / np.pi, rtol=1e-5
         )
-        assert found.parts[own].tolist() == [True, False] and set(found.mesh) == {"a|b"}
-    assert found.never.tolist() == [1500.0] and not len(found.always)
+        assert found.parts[own].tolist() == [True, False]
+        assert set(found.mesh) == {"a|b"}
+    assert found.never.tolist() == [1500.0]
+    assert not len(found.always)
 
 
 def test_marches_part_on_one_side_of_the_boundary_alone():

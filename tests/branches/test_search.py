@@ -55,7 +55,8 @@ def test_every_exact_motion_is_found_with_its_stability(searched):
             if m.period == period
             and np.abs(reaches(m) - wanted).max() < 2e-3 * abs(wanted).max()
         ]
-        assert near and near[0].attracts == attracts, (period, wanted)
+        assert near, (period, wanted)
+        assert near[0].attracts == attracts, (period, wanted)
 
 
 def test_no_motion_is_told_twice_and_those_that_attract_come_first(searched):
@@ -64,14 +65,15 @@ def test_no_motion_is_told_twice_and_those_that_attract_come_first(searched):
     assert len(set(tops)) == len(tops)
     order = [motion.attracts for motion in found]
     assert order == sorted(order, reverse=True)
-    assert ("attracts" if order[0] else "repels") in str(found[0]) and "kN" in str(
-        found[0]
-    )
+    assert ("attracts" if order[0] else "repels") in str(found[0])
+    assert "kN" in str(found[0])
 
 
 def test_a_train_without_backlash_has_one_motion():
     (only,) = jaxhb.solve_all(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0)
-    assert only.period == 1 and only.attracts and only.response.converged
+    assert only.period == 1
+    assert only.attracts
+    assert only.response.converged
 
 
 @dataclasses.dataclass

@@ -62,7 +62,8 @@ def test_forces_and_slopes_tend_to_the_exact_integrals_with_the_cells(motion):
         error(slopes(sampled, motion, k * HARMONICS, 2 * HARMONICS), wanted_slopes)
         for k in (32, 128)
     ]
-    assert errors[-1] < 1e-4 and of_slopes[-1] < 2e-3
+    assert errors[-1] < 1e-4
+    assert of_slopes[-1] < 2e-3
     for found in (errors, of_slopes):
         assert np.log2(found[0] / found[-1]) / 2 > 1.5, found
 

@@ -92,7 +92,8 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
     crossings = locate(law, l)
-    assert crossings.complete and not np.any(crossings.inverse_rate)
+    assert crossings.complete
+    assert not np.any(crossings.inverse_rate)
 
 
 @pytest.mark.parametrize(
@@ -207,5 +208,6 @@ def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage():
     value, first = gradient(
         np.resize(thetas, (4 * len(thetas[0]), len(thetas[0]))), True
     )
-    assert np.isfinite(value).all() and np.isfinite(first).all()
+    assert np.isfinite(value).all()
+    assert np.isfinite(first).all()
     assert all(np.isfinite(hessian(theta, True)).all() for theta in thetas)

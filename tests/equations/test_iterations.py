@@ -46,8 +46,11 @@ def test_conjugate_residuals_take_as_many_steps_as_there_are_unknowns_and_one_wi
         given = lambda v: matrix @ v, lambda v, m=precondition: m @ v
         x, left, used = iterations.gcr(*given, b, tolerance=1e-12, steps=20)
         np.testing.assert_allclose(x, inverse @ b, rtol=1e-10)
-        assert used <= most and left <= 1e-11
+        assert used <= most
+        assert left <= 1e-11
     x, left, used = iterations.gcr(
         lambda v: 2 * v, lambda v: v, 0 * b, tolerance=1e-12, steps=20
     )
-    assert used == 0 and left == 0 and not np.asarray(x).any()
+    assert used == 0
+    assert left == 0
+    assert not np.asarray(x).any()

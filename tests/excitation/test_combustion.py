@@ -54,7 +54,8 @@ def test_without_heat_compression_and_expansion_are_one_polytrope():
     closed = (angle < 180) | (angle >= 540)
     work = (motored * volume(angle) ** 1.36)[closed]
     np.testing.assert_allclose(work, 1.8e5 * volume(180.0) ** 1.36, rtol=ALGEBRAIC)
-    assert set(motored[1800:3600]) == {1.4e5} and set(motored[3600:5400]) == {1.8e5}
+    assert set(motored[1800:3600]) == {1.4e5}
+    assert set(motored[3600:5400]) == {1.8e5}
 
 
 def test_the_burnt_share_is_0_before_the_start_and_999_per_mille_after_the_duration():

@@ -177,10 +177,8 @@ def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
     }  # without heat they give no work
     light = {"reciprocating_mass": 0.0}
     by_work = pair(cylinder(combustion=Combustion(imep=1e6, **alike), **light))
-    assert (
-        not torque(by_work.cut_off("c"), 1500.0).any()
-        and by_work.value("c.combustion.imep") == 1e6
-    )
+    assert not torque(by_work.cut_off("c"), 1500.0).any()
+    assert by_work.value("c.combustion.imep") == 1e6
     compressing = torque(by_work.replace({"c.combustion.imep": 0.0}), 1500.0)
     assert abs(compressing[0]) < 1e-9 < 100.0 < abs(compressing).max()
     by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **alike), **light))
@@ -199,9 +197,8 @@ def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
         (train.misfires(), train.misfire),
         (train.cut_offs(), train.cut_off),
     ):
-        assert list(trains) == ["one", "two"] and {
-            t.topology for t in trains.values()
-        } == {train.topology}
+        assert list(trains) == ["one", "two"]
+        assert {t.topology for t in trains.values()} == {train.topology}
         batch = jax.tree.map(lambda *leaves: np.stack(leaves), *trains.values())
         mapped = jax.jit(jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0]))(batch)
         for name, row in zip(trains, mapped, strict=True):
@@ -319,10 +316,8 @@ def test_a_wiebe_cycle_comes_near_the_measured_gas_harmonics_of_a_v16():
     found = 2 * np.abs(torque[0]) / (area * throw) / 1e6
     orders, wanted = np.array(row["order_ampMPa"]).T
     left = np.abs(found[np.round(2 * orders).astype(int)] - wanted)
-    assert (
-        left.max() < 0.07 * wanted.max()
-        and left[orders >= 2].max() < 0.015 * wanted.max()
-    )
+    assert left.max() < 0.07 * wanted.max()
+    assert left[orders >= 2].max() < 0.015 * wanted.max()
 
 
 def slopes_agree(train, numbers, rpm):

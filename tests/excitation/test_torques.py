@@ -117,9 +117,9 @@ def test_a_two_stroke_table_repeats_every_revolution():
     trace = [(-180.0, 1e5), (0.0, 8e6), (20.0, 6e6), (180.0, 1e5)]
     train = pair(Cylinder(disk="a", **CRANK, pressure=trace), revolutions_per_cycle=2)
     torque = np.abs(np.asarray(excitation(train, 0.0, 12)[0])[0])
-    assert (
-        torque[0] > 1.0 and np.all(torque[1::2] == 0.0) and np.all(torque[2::2] > 0.0)
-    )
+    assert torque[0] > 1.0
+    assert np.all(torque[1::2] == 0.0)
+    assert np.all(torque[2::2] > 0.0)
     assert train.topology.cylinder_step == (2,)
 
 
@@ -175,7 +175,8 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
     means = mean_torques(
         train.torques, train.cylinders, train.topology.gas_cycles, speeds
     )
-    assert isinstance(means, np.ndarray) and means.shape == (2, 4)
+    assert isinstance(means, np.ndarray)
+    assert means.shape == (2, 4)
     np.testing.assert_allclose(
         means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14
     )
@@ -258,7 +259,8 @@ def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
     assert listed_harmonic(given.topology) == 31
     assert listed_harmonic(pair().topology) == 1
     torque = excitation(crank, 1000.0, 40)[0]
-    assert np.all(torque[:, 19:] == 0.0) and np.any(torque[:, 18] != 0.0)
+    assert np.all(torque[:, 19:] == 0.0)
+    assert np.any(torque[:, 18] != 0.0)
 
 
 def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to():

@@ -68,4 +68,5 @@ def test_two_devices_give_what_one_gives_and_programs_run_on_the_default_one():
     done = subprocess.run(
         [sys.executable, "-c", SHARED], capture_output=True, text=True, env=environment
     )
-    assert done.returncode == 0 and "all hold" in done.stdout, done.stderr[-3000:]
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "all hold" in done.stdout, done.stderr[-3000:]

@@ -60,7 +60,8 @@ def test_the_curve_begins_at_a_linear_law_and_ends_at_the_wanted_one():
     )
     np.testing.assert_allclose(by_rate, by_rate[:1].repeat(50, axis=0), rtol=PATHS)
     stiffness = np.asarray(teeth.law.stiffness).max()
-    assert np.all(by_rate > 0) and np.abs(by_deflection).max() < ALGEBRAIC * stiffness
+    assert np.all(by_rate > 0)
+    assert np.abs(by_deflection).max() < ALGEBRAIC * stiffness
 
 
 def test_the_end_of_a_curve_is_a_motion_of_the_train_that_time_integration_confirms(
@@ -68,9 +69,11 @@ def test_the_end_of_a_curve_is_a_motion_of_the_train_that_time_integration_confi
 ):
     assert not unsettled.map.arrived(unsettled.map.settle())
     (response,) = unsettled._from_linear_law(once=True)
-    assert response.converged and isinstance(response.path[0], Homotopy)
+    assert response.converged
+    assert isinstance(response.path[0], Homotopy)
     judged = jaxhb.shooting_correction(response)
-    assert judged.orbit.settled and judged.error < 0.01
+    assert judged.orbit.settled
+    assert judged.error < 0.01
 
 
 def test_a_curve_has_no_more_marches_than_it_is_given(unsettled):
@@ -78,7 +81,8 @@ def test_a_curve_has_no_more_marches_than_it_is_given(unsettled):
     end = continuation.follow_curve(
         curve.linearize, curve.simplify, curve.start(), most=150, control=orbits.CURVE
     )
-    assert not end.arrived and curve.marches == 40
+    assert not end.arrived
+    assert curve.marches == 40
 
 
 def test_points_of_the_curve_are_motions_of_their_law(unsettled):
@@ -88,7 +92,8 @@ def test_points_of_the_curve_are_motions_of_their_law(unsettled):
     continuation.follow_curve(
         *given, most=8, visit=lambda y, _: seen.append(y), control=orbits.CURVE
     )
-    assert len(seen) > 1 and seen[-1][-1] > 0
+    assert len(seen) > 1
+    assert seen[-1][-1] > 0
     for y in seen:
         assert np.linalg.norm(curve.unclosed(y)) < 2 * orbits.CURVE.near
     assert (

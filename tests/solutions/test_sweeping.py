@@ -98,11 +98,9 @@ def test_where_nothing_settles_shooting_finds_a_motion():
     else:
         pytest.fail("shooting found no motion")
     rungs = [type(event) for event in response.path]
-    assert (
-        rungs[:2] == [Sweeps, NewtonOnSweeps]
-        and Shooting in rungs
-        and rungs[-1] == Newton
-    )
+    assert rungs[:2] == [Sweeps, NewtonOnSweeps]
+    assert Shooting in rungs
+    assert rungs[-1] == Newton
     # Within the tolerance: this motion repels, and magnifies what is left out.
     assert jaxhb.shooting_correction(response).error < 0.01
 
@@ -149,9 +147,8 @@ def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks
     long_train,
 ):
     found = jaxhb.solve(long_train, rpm=RPM)
-    assert found.converged and not any(
-        isinstance(event, Newton) for event in found.path
-    )
+    assert found.converged
+    assert not any(isinstance(event, Newton) for event in found.path)
     newton = jaxhb.solve(long_train, rpm=RPM, harmonics=found.harmonics, start=found)
     assert newton.converged
     assert force_difference(found, newton) < 1.2 * float(

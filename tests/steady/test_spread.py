@@ -55,7 +55,8 @@ def test_records_grow_where_their_extremes_vary_and_tell_how_far_others_lie():
         jaxhb.steady_state(train, rpm=rpm, cycles=c)
         for c in (Cycles(recorded=RECORDED), None)
     )
-    assert short.kind == state.kind == "irregular" and short.record.cycles == RECORDED
+    assert short.kind == state.kind == "irregular"
+    assert short.record.cycles == RECORDED
     assert state.record.cycles == (LONGER if short.record.spread > SPREAD else RECORDED)
     np.testing.assert_array_equal(
         short.motion, state.motion

@@ -296,7 +296,8 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
 def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
     light = {"gear a.inertia": 0.0, "drive.mean": 1.0, "brake.mean": -1.0}
     state = jaxhb.steady_state(jaxhb.load_scene("spur_pair").replace(light), rpm=6000.0)
-    assert state.kind == "unknown" and not state.known
+    assert state.kind == "unknown"
+    assert not state.known
     assert "'gear a' has no inertia and carries a backlash mesh" in state.notes[0]
     with pytest.raises(ValueError, match="no inertia"):
         state.force("gear a", "gear b")
@@ -317,7 +318,8 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     state = jaxhb.steady_state(train, rpm=1500.0)
     assert state.kind == "periodic"
     assert "loss factors" in state.notes[0]
-    assert state.response.train is not None and state.stability.stable
+    assert state.response.train is not None
+    assert state.stability.stable
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
     mesh = ("crank gear", "cam gear")
@@ -381,7 +383,8 @@ def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
     assert (
         (state.kind, state.period) == (later.kind, later.period) == ("subharmonic", 2)
     )
-    assert state.response.converged and state.stability.stable
+    assert state.response.converged
+    assert state.stability.stable
     # Long after, the motion is still the one that harmonic balance found.
     assert difference(state.response, later.response, 2) < 1e-3
 
