@@ -33,10 +33,8 @@ approximate = jax.jit(reduced_model, static_argnames="time_steps")
 def prepare(reduced, model, l, samples, time_steps):
     """The linearised march and the slopes at a motion."""
     slopes = correction.slopes_at(reduced, l, samples)
-    return (
-        correction.march_at(correction.train_of(reduced, model, time_steps), slopes),
-        slopes,
-    )
+    train = correction.train_of(reduced, model, time_steps)
+    return correction.march_at(train, slopes), slopes
 
 
 @pytest.fixture(scope="module")
@@ -85,14 +83,14 @@ def test_a_long_train_without_any_damping_has_a_basis():
         )
     )
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
-    found = approximate(
+    model = approximate(
         problem.system,
         problem.meshes.link,
         np.ones(1),
         problem.frequency,
         time_steps=512,
     )
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model))
 
 
 def dense_jacobian(reduced, l):
@@ -100,8 +98,8 @@ def dense_jacobian(reduced, l):
         value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)
         return fourier.pack(value).reshape(-1)
 
-    at = fourier.pack(jnp.asarray(l)).reshape(-1)
-    return jax.jit(jax.jacfwd(packed))(at), jax.jit(packed)(at)
+    point = fourier.pack(jnp.asarray(l)).reshape(-1)
+    return jax.jit(jax.jacfwd(packed))(point), jax.jit(packed)(point)
 
 
 correct = jax.jit(correction.correct, static_argnums=5)
@@ -114,37 +112,38 @@ def coefficients(flat):
 def test_correction_solves_the_jacobian_of_autodiff(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
-    wanted = np.linalg.solve(np.asarray(matrix), value)
-    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
-    found, left, used = correct(reduced, *at, coefficients(value), 1e-11, 60)
-    found = np.asarray(fourier.pack(found)).reshape(-1)
-    np.testing.assert_allclose(
-        found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
+    expected = np.linalg.solve(np.asarray(matrix), value)
+    march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    change, residual, steps = correct(
+        reduced, march, slopes, coefficients(value), 1e-11, 60
     )
-    assert left <= 1e-11 and 0 < used <= 30
+    change = np.asarray(fourier.pack(change)).reshape(-1)
+    np.testing.assert_allclose(
+        change, expected, rtol=0, atol=RESIDUAL * np.abs(expected).max()
+    )
+    assert residual <= 1e-11
+    assert 0 < steps <= 30
 
 
 def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
     problem, reduced, l = case
-    found = [
-        correct(
-            reduced,
-            *prepare(reduced, surrogate_of(problem, K), l, SAMPLES, K),
-            reduced.linear,
-            1e-12,
-            60,
-        )
-        for K in (128, 1024)
-    ]
-    (coarse, *_), (fine, *_) = found
-    assert all(0 < used <= 40 for *_, used in found)
+
+    def corrected(time_steps):
+        model = surrogate_of(problem, time_steps)
+        march, slopes = prepare(reduced, model, l, SAMPLES, time_steps)
+        return correct(reduced, march, slopes, reduced.linear, 1e-12, 60)
+
+    coarse, _, coarse_steps = corrected(128)
+    fine, _, fine_steps = corrected(1024)
+    assert 0 < coarse_steps <= 40
+    assert 0 < fine_steps <= 40
     np.testing.assert_allclose(coarse, fine, rtol=0, atol=RESIDUAL * np.abs(fine).max())
 
 
 def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
-    wanted = np.linalg.solve(np.asarray(matrix).T, value)
+    expected = np.linalg.solve(np.asarray(matrix).T, value)
 
     @jax.jit
     def solve(march, slopes, value):
@@ -153,14 +152,12 @@ def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
             march, product, value, transposed=True, tolerance=1e-12, steps=60
         )
 
-    found, left = solve(
-        *prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512),
-        coefficients(value),
-    )
-    found = np.asarray(fourier.pack(found)).reshape(-1)
-    assert left <= 1e-12
+    march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    solution, residual = solve(march, slopes, coefficients(value))
+    solution = np.asarray(fourier.pack(solution)).reshape(-1)
+    assert residual <= 1e-12
     np.testing.assert_allclose(
-        found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
+        solution, expected, rtol=0, atol=RESIDUAL * np.abs(expected).max()
     )
 
 
@@ -168,41 +165,49 @@ def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
     draw = np.random.default_rng(5)
-    column, row = draw.normal(size=len(value)), draw.normal(size=len(value) + 1)
+    column = draw.normal(size=len(value))
+    row = draw.normal(size=len(value) + 1)
     whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
     right = np.append(value, 0.3 * np.abs(value).max())
-    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
     solve = jax.jit(
-        lambda at, right: correction.correct_bordered(
-            reduced, *at, (column, row), (right,), 60
+        lambda march, slopes, right: correction.correct_bordered(
+            reduced, march, slopes, (column, row), (right,), 60
         )[0]
     )
-    wanted = np.linalg.solve(whole, right)
+    expected = np.linalg.solve(whole, right)
     np.testing.assert_allclose(
-        solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max()
+        solve(march, slopes, right),
+        expected,
+        rtol=0,
+        atol=1e-7 * np.abs(expected).max(),
     )
 
 
 def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_alone(
     case,
 ):
-    """As where the direction of a branch is looked for: the image of such a side has
+    """The search for the direction of a branch poses it: the image of such a side has
     nothing at the border.
     """
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
     column = np.random.default_rng(6).normal(size=len(value))
-    row, right = np.append(column, 0.0), np.append(np.zeros(len(value)), 1.0)
+    row = np.append(column, 0.0)
+    right = np.append(np.zeros(len(value)), 1.0)
     whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
-    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
     solve = jax.jit(
-        lambda at, right: correction.correct_bordered(
-            reduced, *at, (column, row), (right,), 60
+        lambda march, slopes, right: correction.correct_bordered(
+            reduced, march, slopes, (column, row), (right,), 60
         )[0]
     )
-    wanted = np.linalg.solve(whole, right)
+    expected = np.linalg.solve(whole, right)
     np.testing.assert_allclose(
-        solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max()
+        solve(march, slopes, right),
+        expected,
+        rtol=0,
+        atol=1e-7 * np.abs(expected).max(),
     )
 
 
@@ -216,10 +221,11 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
         solver = jax.jit(
             lambda value: correction.invert(march, product, product, value)
         )
-        found, pull = jax.vjp(solver, reduced.linear)
-        return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
+        solution, pull = jax.vjp(solver, reduced.linear)
+        return np.concatenate([solution, pull(jnp.conj(reduced.linear))[0]])
 
-    assert np.isnan(both(2)).all() and np.isfinite(both(60)).all()
+    assert np.isnan(both(2)).all()
+    assert np.isfinite(both(60)).all()
 
 
 def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
@@ -234,12 +240,10 @@ def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
         )
         return correction.tangent(reduced, forces)(d)
 
-    wanted = np.asarray(matrix @ direction.reshape(-1))
-    error = np.abs(
-        np.asarray(fourier.pack(product(l, fourier.unpack(direction)))).reshape(-1)
-        - wanted
-    ).max()
-    assert error <= ALGEBRAIC * np.abs(wanted).max()
+    expected = np.asarray(matrix @ direction.reshape(-1))
+    image = fourier.pack(product(l, fourier.unpack(direction)))
+    error = np.abs(np.asarray(image).reshape(-1) - expected).max()
+    assert error <= ALGEBRAIC * np.abs(expected).max()
 
 
 def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
@@ -274,17 +278,13 @@ def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
         time_steps=512,
     )
     draw = np.random.default_rng(14)
-    l = (
-        1e-4
-        * draw.normal(size=(1, HARMONICS + 1))
-        / (1 + np.arange(HARMONICS + 1)) ** 1.5
-        + 0j
-    )
+    amplitudes = 1e-4 * draw.normal(size=(1, HARMONICS + 1))
+    l = amplitudes / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
     value = draw.normal(size=(1, HARMONICS + 1)) + 0j
-    _, left, used = correct(
-        reduced, *prepare(reduced, model, l, SAMPLES, 512), value, 1e-8, 60
-    )
-    assert left <= 1e-8 and used <= 28
+    march, slopes = prepare(reduced, model, l, SAMPLES, 512)
+    _, residual, steps = correct(reduced, march, slopes, value, 1e-8, 60)
+    assert residual <= 1e-8
+    assert steps <= 28
 
 
 def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
@@ -301,17 +301,16 @@ def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
     space = surrogate_of(problem, time_steps).space
 
     def receptance(space, n):
-        A, E, L = (
-            np.asarray(a) for a in (space.transition, space.forcing, space.observation)
-        )
-        return L @ np.linalg.solve(
-            1j * n * float(problem.frequency) * np.eye(len(A)) - A, E
-        )
+        A = np.asarray(space.transition)
+        E = np.asarray(space.forcing)
+        L = np.asarray(space.observation)
+        rotation = 1j * n * float(problem.frequency) * np.eye(len(A))
+        return L @ np.linalg.solve(rotation - A, E)
 
     for n in (1, 7, 40):
-        wanted = receptance(exact, n)
+        expected = receptance(exact, n)
         np.testing.assert_allclose(
-            receptance(space, n), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max()
+            receptance(space, n), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
         )
 
 
@@ -341,30 +340,28 @@ def sliced(pieces):
 
 
 def receptance_of(train, frequency, harmonic):
-    """Of a ReducedOrderModel, ``(2, 2)``."""
-    A, E, L = (
-        np.asarray(a)
-        for a in (train.space.transition, train.space.forcing, train.space.observation)
-    )
-    turned = 1j * harmonic * float(frequency) * np.eye(len(A))
-    return train.residual_flexibility - L[:2] @ np.linalg.solve(turned - A, E)
+    """Receptance ``(2, 2)`` of a ReducedOrderModel at one harmonic."""
+    A = np.asarray(train.space.transition)
+    E = np.asarray(train.space.forcing)
+    L = np.asarray(train.space.observation)
+    rotation = 1j * harmonic * float(frequency) * np.eye(len(A))
+    return train.residual_flexibility - L[:2] @ np.linalg.solve(rotation - A, E)
 
 
 def test_few_modes_stand_for_a_shaft_of_many_disks():
-    problem, wanted = sliced(150)
+    problem, expected = sliced(150)
     train = surrogate_of(problem, 256)
     assert len(train.space.transition) == 96
-    # a loss factor of this train is viscous damping in time: a few percent at the
-    # resonances
+    # A loss factor of this train is viscous damping in time: a few percent at the
+    # resonances.
     for harmonic in (3, 9, 15):
-        error = np.abs(
-            receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]
-        ).max()
-        assert error < 0.05 * np.abs(wanted[harmonic]).max()
+        receptance = receptance_of(train, problem.frequency, harmonic)
+        error = np.abs(receptance - expected[harmonic]).max()
+        assert error < 0.05 * np.abs(expected[harmonic]).max()
 
 
 def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
-    # slices of 0.2 kg m^2: the mode of the meshes, at harmonic 12, is only the 36th
+    # Slices of 0.2 kg m^2: the mode of the meshes, at harmonic 12, is only the 36th
     problem, _ = sliced(150)
     slice_mass = np.median(problem.system.mass)
     heavy = np.where(
@@ -377,37 +374,37 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     )
     every = surrogate_of(problem, 256)
     monkeypatch.setattr(reduced_models, "MODES", 24)
-    few = jax.jit(lambda *a: reduced_model(*a, 256))
+    # A program of its own: that of the module has all modes.
+    few = jax.jit(
+        lambda system, link, mask, frequency: reduced_model(
+            system, link, mask, frequency, 256
+        )
+    )
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
-    assert len(every.space.transition) == 96 and len(train.space.transition) == 48
+    assert len(every.space.transition) == 96
+    assert len(train.space.transition) == 48
     for harmonic in (11, 12, 13):
-        wanted = receptance_of(every, problem.frequency, harmonic)
-        found = receptance_of(train, problem.frequency, harmonic)
+        expected = receptance_of(every, problem.frequency, harmonic)
+        receptance = receptance_of(train, problem.frequency, harmonic)
         np.testing.assert_allclose(
-            found, wanted, rtol=0, atol=0.02 * np.abs(wanted).max()
+            receptance, expected, rtol=0, atol=0.02 * np.abs(expected).max()
         )
 
 
 def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(case):
-    """Of a floating train with modes too fast for the steps: what a cycle closes on are
-    the first.
+    """A floating train with modes too fast for the steps: those that a cycle closes on
+    are the first.
     """
     problem, _, _ = case
     system = dataclasses.replace(problem.system, ground=0.0 * problem.system.ground)
     model = surrogate_of(dataclasses.replace(problem, system=system), 32)
     rates = np.asarray(paired(model.space.transition))
     decay = -np.maximum(rates[0, 0], rates[1, 1])
-    observed = (
-        np.abs(np.asarray(model.space.observation))
-        .max(axis=0)
-        .reshape(2, -1)
-        .max(axis=0)
-    )
+    observation = np.abs(np.asarray(model.space.observation)).max(axis=0)
+    observed = observation.reshape(2, -1).max(axis=0)
     count = (observed > ALGEBRAIC * observed.max()).sum()
-    assert (
-        0 < count < len(decay)
-        and (observed[count:] <= ALGEBRAIC * observed.max()).all()
-    )
+    assert 0 < count < len(decay)
+    assert (observed[count:] <= ALGEBRAIC * observed.max()).all()
     assert (np.diff(decay[:count]) > 0).all()
 
 

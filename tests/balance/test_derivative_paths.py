@@ -42,13 +42,16 @@ def one_mass_peak(values, integrals="sampled", max_steps=12):
             "b:torque.harmonics": rows[1],
         }
     )
-    how = {
-        "integrals": integrals,
-        "start": "march",
-        "max_steps": max_steps,
-        "tolerance": 0.5,
-    }
-    plan = tight_plan(harmonics=8, active=(0,), flank=(0,), excited=1, **how)
+    plan = tight_plan(
+        harmonics=8,
+        active=(0,),
+        flank=(0,),
+        excited=1,
+        integrals=integrals,
+        start="march",
+        max_steps=max_steps,
+        tolerance=0.5,
+    )
     response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, plan=plan)
     return (
         response.force("a", "b").smooth_peak(8) + response.twist("a", "b").rms,
@@ -57,8 +60,8 @@ def one_mass_peak(values, integrals="sampled", max_steps=12):
 
 
 @pytest.fixture(scope="module")
-def second():
-    """Of one mass: values, along -> (Hessian times along, gradient, status).
+def second_derivative():
+    """Function of one mass: values, along -> (Hessian times along, gradient, status).
 
     One direction at a time: all of them at once are a program that takes half as long
     again to trace.
@@ -67,48 +70,56 @@ def second():
     def gradient(values):
         return jax.grad(one_mass_peak, has_aux=True)(values, integrals="exact")
 
-    def along(values, direction):
-        found, change, status = jax.jvp(gradient, (values,), (direction,), has_aux=True)
-        return change, found, status
+    def derivative(values, direction):
+        slopes, change, status = jax.jvp(
+            gradient, (values,), (direction,), has_aux=True
+        )
+        return change, slopes, status
 
-    return jax.jit(along)
+    return jax.jit(derivative)
 
 
 def test_second_derivatives_with_exact_integrals_are_those_of_differences_of_gradients(
-    second,
+    second_derivative,
 ):
-    every = np.eye(len(ONE_MASS))
-    found = np.array([second(ONE_MASS, one)[0] for one in every])
+    directions = np.eye(len(ONE_MASS))
+    hessian = np.array([second_derivative(ONE_MASS, axis)[0] for axis in directions])
+
+    def gradient(values, direction):
+        return second_derivative(values, direction)[1]
+
     steps = 1e-3 * ONE_MASS
     rows = [
-        (second(ONE_MASS + step, step)[1] - second(ONE_MASS - step, step)[1])
+        (gradient(ONE_MASS + step, step) - gradient(ONE_MASS - step, step))
         / (2 * step.max())
         for step in np.diag(steps)
     ]
-    np.testing.assert_allclose(
-        found, found.T, rtol=0, atol=TANGENT * np.abs(found).max()
-    )
-    np.testing.assert_allclose(
-        found, rows, rtol=0, atol=1e-5 * np.abs(found).max()
-    )  # steps squared, times a few
+    largest = np.abs(hessian).max()
+    np.testing.assert_allclose(hessian, hessian.T, rtol=0, atol=TANGENT * largest)
+    # Steps squared, times a few.
+    np.testing.assert_allclose(hessian, rows, rtol=0, atol=1e-5 * largest)
 
 
 def sizes_of(jaxpr):
     """Numbers in all arrays that a program makes."""
-    inner = [
-        v
-        for e in jaxpr.eqns
-        for v in jax.tree.leaves(
-            list(e.params.values()), is_leaf=lambda v: hasattr(v, "eqns")
+    parameters = [
+        leaf
+        for equation in jaxpr.eqns
+        for leaf in jax.tree.leaves(
+            list(equation.params.values()), is_leaf=lambda v: hasattr(v, "eqns")
         )
     ]
     inner = [
-        getattr(v, "jaxpr", v)
-        for v in inner
-        if hasattr(v, "jaxpr") or hasattr(v, "eqns")
+        getattr(leaf, "jaxpr", leaf)
+        for leaf in parameters
+        if hasattr(leaf, "jaxpr") or hasattr(leaf, "eqns")
     ]
-    own = sum(np.prod(v.aval.shape, dtype=int) for e in jaxpr.eqns for v in e.outvars)
-    return own + sum(sizes_of(part) for part in inner)
+    outputs = sum(
+        np.prod(variable.aval.shape, dtype=int)
+        for equation in jaxpr.eqns
+        for variable in equation.outvars
+    )
+    return outputs + sum(sizes_of(part) for part in inner)
 
 
 def test_the_memory_of_a_gradient_does_not_grow_with_the_newton_steps():
@@ -122,16 +133,19 @@ def test_the_memory_of_a_gradient_does_not_grow_with_the_newton_steps():
 
 
 @pytest.mark.parametrize("deflection", [0.0, 0.2, 0.3])
-def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflection):
+def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(
+    second_derivative, deflection
+):
     """At rest on a knot at every time sample of the cycle: slope 0.2 at l = 0 and 0.2,
     4 at l = 0.3; and no amplitude.
     """
     force = 0.2 * deflection + (3.8 * 0.05 if deflection == 0.3 else 0.0)
-    at = np.array([4.0, 0.6, 0.5, force, 0.0])
-    for one in np.eye(len(at)):
-        change, gradient, status = second(at, one)
+    values = np.array([4.0, 0.6, 0.5, force, 0.0])
+    for direction in np.eye(len(values)):
+        change, gradient, status = second_derivative(values, direction)
         assert status == jaxhb.Status.CONVERGED
-        assert np.isfinite(change).all() and np.isfinite(gradient).all()
+        assert np.isfinite(change).all()
+        assert np.isfinite(gradient).all()
     if deflection:
         np.testing.assert_allclose(
             gradient[3], 1 + 1 / (4.0 if deflection == 0.3 else 0.2), rtol=PATHS
@@ -159,11 +173,8 @@ def test_cylinder_data_differentiate():
         )
 
     gradient = jax.jit(jax.grad(value))(at)
-    compare(
-        gradient * at,
-        differences(jax.jit(jax.vmap(value)), at, 1e-4 * at) * at,
-        GRADIENT,
-    )
+    slopes = differences(jax.jit(jax.vmap(value)), at, 1e-4 * at)
+    compare(gradient * at, slopes * at, GRADIENT)
 
 
 def test_without_a_plan_differentiation_outside_jit_works():
@@ -175,9 +186,9 @@ def test_without_a_plan_differentiation_outside_jit_works():
 
     at = (2e8, 3000.0)
     gradient = jax.grad(peak, argnums=(0, 1))(*at)
-    wanted = [(peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3]
-    wanted.append((peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06)
-    compare(np.array(gradient), wanted, GRADIENT)
+    by_stiffness = (peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3
+    by_speed = (peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06
+    compare(np.array(gradient), [by_stiffness, by_speed], GRADIENT)
     assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(
         float(gradient[0]), rel=TANGENT
     )
@@ -189,8 +200,11 @@ CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameter
 @pytest.mark.parametrize(("path", "kind"), CASES)
 def test_a_derivative_is_that_of_differences_and_forwards_is_backwards(path, kind):
     row = next(row for row in table(path) if row["kind"] == kind)
-    assert row["solved"] and row["error"] < GRADIENT and row["transpose"] < TANGENT
-    assert abs(row["gradient"]) > 0 and np.isfinite(row["gradient"])
+    assert row["solved"]
+    assert row["error"] < GRADIENT
+    assert row["transpose"] < TANGENT
+    assert abs(row["gradient"]) > 0
+    assert np.isfinite(row["gradient"])
 
 
 def test_the_paths_are_what_they_are_called():

@@ -34,14 +34,19 @@ def test_a_motion_in_contact_is_that_of_the_program(name):
     assert not plan.active
     problem = problem_at(train, RPM, plan.static.excited)
     of_host = program._of_the_host(problem, plan)
-    given = problem, plan.active_meshes, program.first_start(plan), plan.goals
-    of_program = jax.tree.map(np.asarray, program.solve_problem(*given, plan.static))
+    outcome = program.solve_problem(
+        problem,
+        plan.active_meshes,
+        program.first_start(plan),
+        plan.goals,
+        plan.static,
+    )
+    of_program = jax.tree.map(np.asarray, outcome)
     assert int(of_host.status) == int(of_program.status) == 0
     for field in dataclasses.fields(of_host.fields):
-        found, exact = (
-            getattr(outcome.fields, field.name) for outcome in (of_host, of_program)
-        )
-        assert isinstance(found, np.ndarray) and found.dtype == exact.dtype
-        np.testing.assert_allclose(
-            found, exact, rtol=0, atol=ALGEBRAIC * np.abs(exact).max(initial=0.0)
-        )
+        actual = getattr(of_host.fields, field.name)
+        expected = getattr(of_program.fields, field.name)
+        assert isinstance(actual, np.ndarray)
+        assert actual.dtype == expected.dtype
+        scale = np.abs(expected).max(initial=0.0)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=ALGEBRAIC * scale)

@@ -71,32 +71,30 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
     stiffness = 1e11
     backlash = 0.01
     torque = load * stiffness * backlash / 2 * 0.05
-    numbers = {
-        "a|b.stiffness": stiffness,
-        "a|b.backlash": backlash,
-        "a|b.epsilon": epsilon,
-    }
-    numbers |= {
-        "a|b.transition": transition,
-        "drive.mean": torque,
-        "brake.mean": -2 * torque,
-    }
-    train = pair.replace({**numbers, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]})
+    train = pair.replace(
+        {
+            "a|b.stiffness": stiffness,
+            "a|b.backlash": backlash,
+            "a|b.epsilon": epsilon,
+            "a|b.transition": transition,
+            "drive.mean": torque,
+            "brake.mean": -2 * torque,
+            "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
+        }
+    )
     response = jaxhb.solve(train, rpm=0.05, harmonics=16, method=method)
     status = Status(int(response.status))
     force = response.force("a", "b")
     mean = torque / 0.05
     amplitude = abs(0.4 + 0.1j) * torque / 0.05 / 2
-    if (
-        epsilon and not 1e-4 < load < 1e-1
-    ):  # wholly in the gap or wholly in contact: two linear trains
+    # Wholly in the gap or wholly in contact: two linear trains.
+    if epsilon and not 1e-4 < load < 1e-1:
         assert status == Status.CONVERGED
     if status <= Status.TOLERANCE_NOT_MET:
-        found = [force.mean, force.max, force.min]
-        most = 1e-4 if status == Status.CONVERGED else 1e-2
-        np.testing.assert_allclose(
-            found, [mean, mean + amplitude, mean - amplitude], atol=most * mean
-        )
+        actual = [force.mean, force.max, force.min]
+        expected = [mean, mean + amplitude, mean - amplitude]
+        largest = 1e-4 if status == Status.CONVERGED else 1e-2
+        np.testing.assert_allclose(actual, expected, atol=largest * mean)
 
 
 @pytest.mark.parametrize("method", ["reduced", "chain"])
@@ -110,8 +108,8 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
 def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(
     scene, rpm, largest, method
 ):
-    """``largest``: of the linear pair with the stiffness of the gap, ``F + |F1| k/(k -
-    m w^2)``.
+    """The ``largest`` force is that of the linear pair with the stiffness of the gap,
+    ``F + |F1| k/(k - m w^2)``.
     """
     train = jaxhb.load_scene(DATA / "scenes" / scene)
     response = jaxhb.check(jaxhb.solve(train, rpm=rpm, harmonics=16, method=method))
@@ -122,24 +120,19 @@ def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(
     frequency = 2 * np.pi * rpm / 60
     together = mass[0] * mass[1] / mass.sum()
     stiffness = 1e-3 * float(train.meshes.stiffness[0])
-    amplitude = (
-        wave
-        / radius[0]
-        * mass[1]
-        / mass.sum()
-        * stiffness
-        / (stiffness - together * frequency**2)
-    )
+    mean = torque / radius[0]
+    growth = stiffness / (stiffness - together * frequency**2)
+    amplitude = wave / radius[0] * mass[1] / mass.sum() * growth
     force = response.force("a", "b")
-    assert torque / radius[0] + amplitude == pytest.approx(largest, rel=1e-5)
-    assert force.mean == pytest.approx(torque / radius[0], rel=1e-6)
-    assert force.max == pytest.approx(torque / radius[0] + amplitude, rel=1e-6)
+    assert mean + amplitude == pytest.approx(largest, rel=1e-5)
+    assert force.mean == pytest.approx(mean, rel=1e-6)
+    assert force.max == pytest.approx(mean + amplitude, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("scene", "rpm"), [("tiny_load.toml", 54863.54), ("never_leaves_gap.toml", 0.10174)]
 )
-def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_train_turns(
+def test_plans_and_marches_know_the_forces_of_contact_however_far_the_train_turns(
     scene, rpm
 ):
     """Mean torque over the radius, and of the vibration what two masses leave for the
@@ -150,19 +143,14 @@ def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_t
     mass = np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
     stiffness = float(train.meshes.stiffness[0])
     together = mass[0] * mass[1] / mass.sum()
-    wave = (
-        complex(*np.asarray(train.torques.harmonics)[0, 0])
-        / radius[0]
-        * mass[1]
-        / mass.sum()
-    )
-    vibration = (
-        wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
-    )
-    wanted = [float(train.torques.mean[0]) / radius[0], vibration]
+    real, imaginary = np.asarray(train.torques.harmonics)[0, 0]
+    wave = complex(real, imaginary) / radius[0] * mass[1] / mass.sum()
+    frequency = 2 * np.pi * rpm / 60
+    vibration = wave * stiffness / (stiffness - together * frequency**2) / 2
+    expected = [float(train.torques.mean[0]) / radius[0], vibration]
     planned = _mesh_forces_of_host(on_host(train), np.array([rpm]), 1)[0, 0]
     marched = stiffness * Equations(train).linear_motion([rpm]).deflection[0, 0, :2]
-    np.testing.assert_allclose([planned, marched], [wanted, wanted], rtol=1e-9)
+    np.testing.assert_allclose([planned, marched], [expected, expected], rtol=1e-9)
 
 
 def light(pair, load):
@@ -177,8 +165,6 @@ def light(pair, load):
         "a|b.backlash": backlash,
         "a|b.epsilon": 1e-3,
         "a|b.transition": 0.04,
-    }
-    numbers |= {
         "drive.mean": torque,
         "brake.mean": -2 * torque,
         "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
@@ -197,20 +183,21 @@ def test_multipliers_of_teeth_that_stay_in_the_gap_are_those_of_its_spring(pair,
     ).multipliers
     swing = np.exp(1j * np.sqrt(1e-3 * 1e11 / 2) * 1200)
     assert len(multipliers) == 4
-    for wanted in (1.0, swing, swing.conjugate()):
-        assert np.abs(multipliers - wanted).min() < 1e-5
+    for expected in (1.0, swing, swing.conjugate()):
+        assert np.abs(multipliers - expected).min() < 1e-5
 
 
 def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     train, *_ = light(pair, 1e-6)
-    plan, loads = jaxhb.plan(train, rpm=0.05, harmonics=16), 10.0 ** np.arange(-12, -4)
+    plan = jaxhb.plan(train, rpm=0.05, harmonics=16)
+    loads = 10.0 ** np.arange(-12, -4)
 
     def solved(share):
         torques = {
             "drive.mean": train.value("drive.mean") * share,
             "brake.mean": train.value("brake.mean") * share,
+            "drive.harmonics": train.torques.harmonics[0] * share,
         }
-        torques["drive.harmonics"] = train.torques.harmonics[0] * share
         response = jaxhb.solve(train.replace(torques), rpm=0.05, plan=plan)
         force = response.force("a", "b")
         return response.status, force.mean, force.max, force.min
@@ -232,8 +219,8 @@ def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
     train = light(pair, load)[0].replace(softer)
     growth = 2 / abs(0.4 + 0.1j)
     rpm = np.sqrt(1e9 / 2 * (1 - 1 / growth)) * 30 / np.pi
-    found = jaxhb.lift_off(train, rpm=[0.5 * rpm, 1.05 * rpm])
-    np.testing.assert_allclose(found.rpm, [rpm], rtol=1e-6)
+    boundary = jaxhb.lift_off(train, rpm=[0.5 * rpm, 1.05 * rpm])
+    np.testing.assert_allclose(boundary.rpm, [rpm], rtol=1e-6)
 
 
 @pytest.mark.oracle  # a branch has two programs of its own
@@ -263,7 +250,8 @@ def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converg
         jaxhb.plan(train, rpm=60.0, harmonics=16), residual_tolerance=1e9
     )
     response = jaxhb.solve(train, rpm=60.0, plan=plan)
-    assert abs(response.force("a", "b").mean - 1e-4 / 0.05) > 0.1 * 1e-4 / 0.05
+    mean = response.force("a", "b").mean
+    assert abs(mean - 1e-4 / 0.05) > 0.1 * 1e-4 / 0.05
     assert response.status > Status.TOLERANCE_NOT_MET
 
 
@@ -272,23 +260,22 @@ def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(p
     damping in contact ends, and swings there for ever.
     """
     torque = 1e-5
-    numbers = {
-        "drive.mean": torque,
-        "brake.mean": -2 * torque,
-        "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
-    }
-    numbers["a|b.epsilon"] = (
-        # Which puts the resonance of the gap far above the order, as the closed form
-        # has it
-        1e-3
+    train = pair.replace(
+        {
+            "a|b.damping": 2000.0,
+            "drive.mean": torque,
+            "brake.mean": -2 * torque,
+            "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
+            # The resonance of the gap lies far above the order, as the closed form has
+            # it.
+            "a|b.epsilon": 1e-3,
+        }
     )
-    state = jaxhb.steady_state(
-        pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0
-    )
-    assert state.kind == "periodic" and "nothing damps" in state.notes[0]
+    state = jaxhb.steady_state(train, rpm=20.0)
+    assert state.kind == "periodic"
+    assert "nothing damps" in state.notes[0]
     force = state.force("a", "b")
     amplitude = abs(0.4 + 0.1j) * torque / 0.05 / 2
-    found = [float(force.mean), float(force.max), float(force.min)]
-    np.testing.assert_allclose(
-        found, torque / 0.05 + amplitude * np.array([0, 1, -1]), rtol=1e-4
-    )
+    actual = [float(force.mean), float(force.max), float(force.min)]
+    expected = torque / 0.05 + amplitude * np.array([0, 1, -1])
+    np.testing.assert_allclose(actual, expected, rtol=1e-4)

@@ -49,7 +49,12 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
     receptance = 1 / (c - m * n**2 + 1j * b * n)
     load = np.zeros(harmonics + 1)
     load[0], load[1] = q0, q1 / 2
-    law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
+    law = backlash.Law(
+        stiffness=np.array([c]),
+        epsilon=np.array([eps]),
+        transition=np.array([0.2]),
+        backlash=np.array([h]),
+    )
     nothing = np.zeros(1)
     linear = (receptance * load)[None]
     return condensation.CondensedEquation(
@@ -112,13 +117,15 @@ def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
 def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
     harmonics = 8
     samples = 128
+
+    def at_start(coefficients):
+        return coefficients[0].real + 2 * coefficients[1:].sum().real
+
     x = solve_by_hand(harmonics, samples).x[0]
     exact = complex_numbers(method_case(f"A4_hb_one_mass_N{harmonics}")[1]["x"])
     true = method_case("A7_true_periodic_one_mass")[1]
-    truncation = abs(exact[0].real + 2 * exact[1:].sum().real - float(true["x0"]))
-    sampling = abs(
-        x[0].real + 2 * x[1:].sum().real - (exact[0].real + 2 * exact[1:].sum().real)
-    )
+    truncation = abs(at_start(exact) - float(true["x0"]))
+    sampling = abs(at_start(x) - at_start(exact))
     assert sampling < truncation
 
 
@@ -134,11 +141,11 @@ def test_pair_of_gears_reduces_to_the_one_mass_equation():
     )
     np.testing.assert_allclose(reduced.frequency, 1.0, rtol=ALGEBRAIC)
     l = np.linspace(-0.3, 0.3, 32)[None]
-    given = l, l, fourier.Equidistant(32)
-    for found, wanted in zip(
-        nonlinear_force(reduced, *given), nonlinear_force(hand, *given), strict=True
-    ):
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC)
+    samples = fourier.Equidistant(32)
+    forces = nonlinear_force(reduced, l, l, samples)
+    by_formula = nonlinear_force(hand, l, l, samples)
+    for actual, expected in zip(forces, by_formula, strict=True):
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=ALGEBRAIC)
 
 
 @pytest.fixture(scope="module")
@@ -173,26 +180,27 @@ def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
 
 def test_case_a6_permanent_contact_is_the_linear_motion_with_an_offset():
     params, expected = method_case("A6_permanent_contact")
-    r = jaxhb.solve(one_mass(q0=float(params["q0"])), rpm=ONE_RADIAN_PER_SECOND)
-    assert r.status == Status.CONVERGED and r.steps == 0
-    l = np.asarray(r.deflection("a", "b").coefficients)
+    response = jaxhb.solve(one_mass(q0=float(params["q0"])), rpm=ONE_RADIAN_PER_SECOND)
+    assert response.status == Status.CONVERGED
+    assert response.steps == 0
+    l = np.asarray(response.deflection("a", "b").coefficients)
     np.testing.assert_allclose(l[0], float(expected["x0"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose(l[1], complex_numbers(expected["x1"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose(l[2:], 0.0, rtol=0, atol=ALGEBRAIC)
     np.testing.assert_allclose(
-        r.force("a", "b").mean, float(params["q0"]), rtol=ALGEBRAIC
+        response.force("a", "b").mean, float(params["q0"]), rtol=ALGEBRAIC
     )
 
 
 def test_case_a6_forcing_of_the_describing_stiffness_gives_its_amplitude():
     params, expected = method_case("A6_describing_stiffness")
-    values = {key: float(params[key]) for key in params}
+    values = {key: float(value) for key, value in params.items()}
     for label, row in expected.items():
         amplitude = float(label.removeprefix("A="))
         reduced = by_hand(1, q0=0.0, q1=float(row["q1"]), **values)
-        # the phase that the linear equation with the describing stiffness gives
+        # The phase that the linear equation with the describing stiffness gives
         phase = -np.angle(float(row["N"]) - values["m"] + 1j * values["b"])
         x = np.array([[0.0, amplitude / 2 * np.exp(1j * phase)]])
-        left = evaluate(reduced, x, SAMPLES)
-        np.testing.assert_allclose(left, 0.0, rtol=0, atol=1e-11 * amplitude)
-        assert fourier.pack(left).shape == (1, 3)
+        residual = evaluate(reduced, x, SAMPLES)
+        np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-11 * amplitude)
+        assert fourier.pack(residual).shape == (1, 3)

@@ -47,18 +47,21 @@ def test_a_solution_is_accepted_as_its_own_start(pair):
     first = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50)
     again = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50, start=first)
     assert int(again.steps) == 0
-    most = 1e-10 * (2 * HALF_GAP + np.linalg.norm(first.deflections))
-    assert np.allclose(again.deflections, first.deflections, rtol=0, atol=most)
+    tolerance = 1e-10 * (2 * HALF_GAP + np.linalg.norm(first.deflections))
+    assert np.allclose(again.deflections, first.deflections, rtol=0, atol=tolerance)
 
 
 def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
     """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4
     (docs/theory A6).
     """
-    changed = {f"{MESH}.transition": 0.2, f"{MESH}.epsilon": 0.05}
     smooth = pair.replace(
-        changed
-        | {f"error {x}.harmonics": [[0.0, y]] for x, y in (("a", -100.0), ("b", 100.0))}
+        {
+            f"{MESH}.transition": 0.2,
+            f"{MESH}.epsilon": 0.05,
+            "error a.harmonics": [[0.0, -100.0]],
+            "error b.harmonics": [[0.0, 100.0]],
+        }
     )
 
     def motion(harmonics):
@@ -67,6 +70,7 @@ def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
         )
         return response.deflection(MESH).samples(4096)
 
-    finest = motion(50)  # the program of the other tests; it shifts the exponent by 0.1
+    # The program of the other tests; it shifts the exponent by 0.1.
+    finest = motion(50)
     few, more = (np.abs(motion(harmonics) - finest).max() for harmonics in (8, 32))
     assert np.log(few / more) / np.log(32 / 8) == pytest.approx(4.0, abs=0.7)

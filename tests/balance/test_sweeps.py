@@ -55,17 +55,23 @@ def pair(*, mesh=(), coupling=(), gear_inertia=0.03, ground=True, brake=-20.0, m
     """A flywheel with a ring, two gears whose teeth part at RPM, and what they
     drive.
     """
-    teeth = {"stiffness": 1e7, "damping": 1500.0, "backlash": 2e-4}
-    teeth |= {"epsilon": 1e-3, "transition": 0.1}
-    shaft = {"stiffness": 1e4, "damping": 8.0}
+    shaft = Shaft(between=("gear b", "driven"), stiffness=1e4, damping=8.0)
+    teeth = Mesh(
+        between=("gear a", "gear b"),
+        stiffness=1e7,
+        damping=1500.0,
+        backlash=2e-4,
+        epsilon=1e-3,
+        transition=0.1,
+    )
     parts = [
         Disk(name="flywheel", inertia=2.0, damping=0.5),
         Disk(name="gear a", inertia=0.01, radius=0.05, teeth=20),
         Disk(name="gear b", inertia=gear_inertia, radius=0.1, teeth=40),
         Disk(name="driven", inertia=0.1, damping=1.0),
         Shaft(between=("flywheel", "gear a"), stiffness=2e4, damping=8.0),
-        Shaft(between=("gear b", "driven"), **(shaft | dict(coupling))),
-        Mesh(**({"between": ("gear a", "gear b")} | teeth | dict(mesh))),
+        dataclasses.replace(shaft, **dict(coupling)),
+        dataclasses.replace(teeth, **dict(mesh)),
         Damper(name="ring", disk="flywheel", inertia=0.2, damping=20.0),
         Torque(
             disk="flywheel",
@@ -149,7 +155,7 @@ def settled(case, goal=GOAL):
 
 
 def distance(case, motion, other):
-    """Of two motions, over the vibration of the second."""
+    """Distance of two motions, over the vibration of the second."""
     motion = jnp.asarray(motion)
     other = jnp.asarray(other)
     size = force_size(case.equation, motion - other)
@@ -181,7 +187,7 @@ def light_end():
     [({}, False), ({"ground": False}, False), ({"more": light_end()}, True)],
 )
 def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
-    """Those of a pair that floats, too, whose rotation has no two eigenvectors, and
+    """Modes of a pair that floats, too, whose rotation has no two eigenvectors, and
     where one responds at once.
     """
     case = case_of(pair(**changes))
@@ -209,8 +215,8 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     assert int(motion.marches) <= 15
     # F, which knows nothing of the march; sweeps contract, so that what is left is
     # below the last change.
-    left = case.equation.residual(motion.deflection, case.plan.samples)
-    assert distance(case, motion.deflection - left, motion.deflection) <= GOAL
+    residual = case.equation.residual(motion.deflection, case.plan.samples)
+    assert distance(case, motion.deflection - residual, motion.deflection) <= GOAL
     teeth, _ = case.equation.sampled(motion.deflection, 4096)
     apart = np.abs(np.asarray(teeth)) < np.asarray(case.equation.law.gap)[:, None]
     assert apart[0].any()
@@ -229,8 +235,8 @@ def test_newtons_method_finds_the_same_motion(hammering):
 
 
 def test_the_motion_does_not_depend_on_the_steps_of_the_march(hammering):
-    """As many harmonics and samples, but a march of twice the steps: its own error is
-    another one.
+    """The harmonics and samples are the same, but a march of twice the steps has
+    another error.
     """
     finer = dataclasses.replace(
         hammering, plan=FinerMarch(2 * STEPS, harmonics_of=STEPS)
@@ -259,8 +265,8 @@ class FinerMarch(SweepPlan):
 
 @pytest.mark.oracle
 def test_steps_err_by_their_square():
-    """What b differs from the linear motion by is what steps do wrong; under a law that
-    is smooth in a wide zone.
+    """The difference of b from the linear motion is the error of the steps; under a law
+    that is smooth in a wide zone.
     """
     case = case_of(pair(mesh={"transition": 1.0}))
     errors = []
@@ -304,20 +310,22 @@ def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     """A looser tolerance is met; a finer one than 232 harmonics resolve is not; sweeps
     never settle to nothing.
     """
-    met, missed, unsettled = (
-        solved(hammering, tolerance) for tolerance in (0.01, 1e-5, 1e-15)
-    )
-    assert met.status == Status.CONVERGED and met.truncation_error <= 0.01
-    assert missed.status == Status.TOLERANCE_NOT_MET and missed.truncation_error > 1e-5
+    met = solved(hammering, 0.01)
+    missed = solved(hammering, 1e-5)
+    unsettled = solved(hammering, 1e-15)
+    assert met.status == Status.CONVERGED
+    assert met.truncation_error <= 0.01
+    assert missed.status == Status.TOLERANCE_NOT_MET
+    assert missed.truncation_error > 1e-5
     assert unsettled.status == Status.MAX_STEPS
     # Energy: what torques do and dampers take, to what the harmonics left out carry.
     assert abs(missed.power_defect) < 1e-4
 
 
-def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_a_march_with_four_times_the_steps(
-    hammering,
-):
-    """An estimate, no bound, as sampling is not in it: a fifth more is allowed."""
+def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_its_march(hammering):
+    """Beside a march with four times the steps. An estimate, no bound, as sampling is
+    not in it: a fifth more is allowed.
+    """
     coarse = solved(hammering, 0.01)
     finer = solved(dataclasses.replace(hammering, plan=SweepPlan(4 * STEPS)), 1e-6)
     assert finer.truncation_error < coarse.truncation_error / 4
@@ -348,9 +356,9 @@ def test_newtons_method_on_the_map_finds_the_fixed_point(hammering):
     """
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
     begun, _ = sweep_program(sweeps, first_point(sweeps), plan=hammering.plan)
-    found = solve_map(sweeps, begun, hammering.plan, goal=1e-8)
-    assert found.change <= 1e-8
-    assert distance(hammering, found.deflection, settled(hammering).deflection) < 1e-6
+    iterate = solve_map(sweeps, begun, hammering.plan, goal=1e-8)
+    assert iterate.change <= 1e-8
+    assert distance(hammering, iterate.deflection, settled(hammering).deflection) < 1e-6
 
 
 def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction_is(
@@ -369,16 +377,16 @@ def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction
     state = begin.state + away / visible / np.sqrt(len(visible))
 
     def sweep(_, point, plan):
-        left = SweepPoint(
+        unclosed = SweepPoint(
             1e3 * (point.linear - linear), 0.1 * (point.state - state), 0 * point.force
         )
-        return jax.tree.map(np.subtract, point, left), point.linear
+        return jax.tree.map(np.subtract, point, unclosed), point.linear
 
     monkeypatch.setattr(map_newton, "sweep_program", sweep)
     monkeypatch.setattr(map_newton, "KRYLOV_STEPS", 1)
-    found = solve_map(sweeps, begin, hammering.plan, goal=1e-5)
-    missed = np.linalg.norm((found.point.state - state) * visible)
-    assert found.distance > 1e-5 or missed < 0.5 * away
+    iterate = solve_map(sweeps, begin, hammering.plan, goal=1e-5)
+    missed = np.linalg.norm((iterate.point.state - state) * visible)
+    assert iterate.distance > 1e-5 or missed < 0.5 * away
 
 
 def test_a_motion_is_where_sweeps_from_it_stay(hammering):
@@ -432,7 +440,7 @@ def test_without_rates_sweeps_end_where_they_do_with_them():
 
 
 def test_a_sweep_begins_with_the_force_at_the_first_instant(hammering):
-    """That of the linear motion, where the train does not deviate from it: the sum of
+    """Force of the linear motion, where the train does not deviate from it: the sum of
     its harmonics.
     """
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
@@ -442,5 +450,5 @@ def test_a_sweep_begins_with_the_force_at_the_first_instant(hammering):
     rate = twice * 1j * harmonics * float(hammering.problem.frequency)
     force, *_ = sweeps.teeth.excess(twice.sum(axis=1).real, rate.sum(axis=1).real)
     np.testing.assert_allclose(point.force, force, rtol=ALGEBRAIC * 1e3)
-    held, *_ = sweeps.teeth.excess(twice[:, 0].real, np.zeros(len(twice)))
-    assert np.abs(force - held).max() > 1e-3 * np.abs(force).max()
+    mean_force, *_ = sweeps.teeth.excess(twice[:, 0].real, np.zeros(len(twice)))
+    assert np.abs(force - mean_force).max() > 1e-3 * np.abs(force).max()

@@ -16,15 +16,13 @@ RPM = 2300.0
 @pytest.mark.oracle
 def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says():
     train = jaxhb.load_scene("engine_with_damper")
-    own, start, plan = (
-        float(train.value(DAMPING)),
-        jaxhb.solve(train, rpm=RPM),
-        jaxhb.plan(train, rpm=RPM),
-    )
+    damping = float(train.value(DAMPING))
+    start = jaxhb.solve(train, rpm=RPM)
+    plan = jaxhb.plan(train, rpm=RPM)
 
     @jax.jit
     def read(share):
-        changed = train.replace({DAMPING: own * share})
+        changed = train.replace({DAMPING: damping * share})
         force = jaxhb.solve(changed, rpm=RPM, plan=plan, start=start).force(
             "crank gear|idler"
         )
@@ -39,25 +37,26 @@ def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says()
     ):
         _, slope = jax.jit(lambda share: jax.jvp(read, (share,), (1.0,)))(1.0)
     assert slope[0] == pytest.approx(-1779.1, abs=0.5)
-    # Of the largest sample, too, as long as it stays the same one.
+    # The largest sample has this slope, too, as long as it stays the same one.
     np.testing.assert_allclose(difference(1e-5), slope, rtol=1e-4)
     assert difference(1e-3)[0] == pytest.approx(-1779.3, abs=1.0)
     assert difference(1e-2)[0] == pytest.approx(-1819, abs=5.0)
 
 
 @pytest.mark.oracle
-def test_the_derivative_of_the_largest_sample_has_another_sign_than_that_of_the_smooth_peak_where_teeth_hammer():
-    train, key, rpm = jaxhb.load_scene("gear_train_30"), "crank damper.damping", 1800.0
-    own, start, plan = (
-        float(train.value(key)),
-        jaxhb.solve(train, rpm=rpm),
-        jaxhb.plan(train, rpm=rpm),
-    )
+def test_the_largest_sample_has_a_derivative_of_another_sign_than_the_smooth_peak():
+    """Where teeth hammer."""
+    train = jaxhb.load_scene("gear_train_30")
+    key = "crank damper.damping"
+    rpm = 1800.0
+    damping = float(train.value(key))
+    start = jaxhb.solve(train, rpm=rpm)
+    plan = jaxhb.plan(train, rpm=rpm)
 
     def read(share):
-        force = jaxhb.solve(
-            train.replace({key: own * share}), rpm=rpm, plan=plan, start=start
-        ).force("crank gear|idler")
+        changed = train.replace({key: damping * share})
+        response = jaxhb.solve(changed, rpm=rpm, plan=plan, start=start)
+        force = response.force("crank gear|idler")
         return jnp.stack([force.smooth_peak(), force.max, force.half_peak_to_peak])
 
     with pytest.warns(

@@ -21,13 +21,13 @@ def pair(mean, amplitude, varying=()):
     gears = [
         jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=20) for name in "ab"
     ]
-    law = {
-        "stiffness": mass * NATURAL**2,
-        "damping": 0.1 * mass * NATURAL,
-        "damping_law": "always",
-    }
     mesh = jaxhb.Mesh(
-        between=("a", "b"), **law, backlash=2 * HALF, stiffness_orders=varying
+        between=("a", "b"),
+        stiffness=mass * NATURAL**2,
+        damping=0.1 * mass * NATURAL,
+        damping_law="always",
+        backlash=2 * HALF,
+        stiffness_orders=varying,
     )
     # Half of a torque on one gear bends the teeth, the other half turns both.
     torque = jaxhb.Torque(
@@ -43,7 +43,7 @@ def pair(mean, amplitude, varying=()):
 def test_boundaries_over_the_mean_torque_are_a_closed_form():
     rpm = np.linspace(0.5, 1.5, 21) * NATURAL * 30 / np.pi
     means = [200.0, 400.0, 3000.0]
-    found = jaxhb.lift_off(
+    boundary = jaxhb.lift_off(
         pair(200.0, 100.0), rpm=rpm, over="a:torque.mean", values=0.5 * np.array(means)
     )
     # Teeth part where the alternating elastic force, 100 N / |1 - r^2 + 0.1 i r|,
@@ -51,20 +51,24 @@ def test_boundaries_over_the_mean_torque_are_a_closed_form():
     for mean in means[:2]:
         b = 2 * (1 - 0.005)
         roots = np.sqrt(np.roots([1, -b, 1 - (100.0 / mean) ** 2]).real)
-        own = found.value == 0.5 * mean
+        of_mean = boundary.value == 0.5 * mean
         np.testing.assert_allclose(
-            np.sort(found.rpm[own]), np.sort(roots) * NATURAL * 30 / np.pi, rtol=1e-5
+            np.sort(boundary.rpm[of_mean]),
+            np.sort(roots) * NATURAL * 30 / np.pi,
+            rtol=1e-5,
         )
-        assert found.parts[own].tolist() == [True, False] and set(found.mesh) == {"a|b"}
-    assert found.never.tolist() == [1500.0] and not len(found.always)
+        assert boundary.parts[of_mean].tolist() == [True, False]
+        assert set(boundary.mesh) == {"a|b"}
+    assert boundary.never.tolist() == [1500.0]
+    assert not len(boundary.always)
 
 
 def test_marches_part_on_one_side_of_the_boundary_alone():
     train = pair(400.0, 60.0, varying=[(1, 0.25, 0.0)])
     unit = NATURAL * 30 / np.pi
-    found = jaxhb.lift_off(train, rpm=[0.6 * unit, 0.75 * unit, 0.95 * unit])
-    (at,) = found.rpm
-    assert found.parts.tolist() == [True]
+    boundary = jaxhb.lift_off(train, rpm=[0.6 * unit, 0.75 * unit, 0.95 * unit])
+    (at,) = boundary.rpm
+    assert boundary.parts.tolist() == [True]
     below, above = (jaxhb.steady_state(train, rpm=at * share) for share in (0.99, 1.01))
     assert (
         below.mesh("a|b").separated_fraction == 0 < above.mesh("a|b").separated_fraction

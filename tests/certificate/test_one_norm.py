@@ -25,11 +25,10 @@ def test_the_estimate_is_never_above_the_norm_and_seldom_below():
         estimated(m) / np.abs(m).sum(0).max()
         for m in maps([1, 6, 7, 8, 9, 12, *range(20, 120)])
     ]
-    assert max(shares) < 1 + 1e-12 and shares[:2] == [
-        1.0,
-        1.0,
-    ]  # rounding; of small ones the sum itself
-    assert np.mean(np.array(shares) > 1 - 1e-12) > 0.8 and np.mean(shares) > 0.98
+    assert max(shares) < 1 + 1e-12  # rounding
+    assert shares[:2] == [1.0, 1.0]  # of small matrices the sum itself
+    assert np.mean(np.array(shares) > 1 - 1e-12) > 0.8
+    assert np.mean(shares) > 0.98
     assert estimated(np.diag(np.r_[np.ones(9), np.nan])) == np.inf
 
 

@@ -43,14 +43,14 @@ energy_slopes = jax.jit(
 def test_case_a3_values_slopes_and_energies():
     params, expected = method_case("A3_law18")
     law = Law(float(params["c"]), float(params["eps"]), 0.2, float(params["h"]))
-    points = {
-        key: numbers([p[key] for p in expected["points"]])
-        for key in ("l", "f", "df", "U")
-    }
-    l = points["l"]
-    np.testing.assert_allclose(backlash.force(law, l), points["f"], rtol=ALGEBRAIC)
-    np.testing.assert_allclose(backlash.slope(law, l), points["df"], rtol=ALGEBRAIC)
-    np.testing.assert_allclose(backlash.energy(law, l), points["U"], rtol=ALGEBRAIC)
+
+    def column(key):
+        return numbers([point[key] for point in expected["points"]])
+
+    l = column("l")
+    np.testing.assert_allclose(backlash.force(law, l), column("f"), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(backlash.slope(law, l), column("df"), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(backlash.energy(law, l), column("U"), rtol=ALGEBRAIC)
     gap = 2 * backlash.offset(law) / law.stiffness
     np.testing.assert_allclose(
         gap, float(expected["gap_total_effective"]), rtol=ALGEBRAIC
@@ -59,10 +59,13 @@ def test_case_a3_values_slopes_and_energies():
 
 def test_force_and_slope_are_those_of_the_law_written_piece_by_piece():
     for law in random_laws():
-        numbers = {
-            name: value for name, value in vars(law).items() if value is not None
-        }
-        mesh = Mesh(between=("a", "b"), **numbers)
+        mesh = Mesh(
+            between=("a", "b"),
+            stiffness=law.stiffness,
+            epsilon=law.epsilon,
+            transition=law.transition,
+            backlash=law.backlash,
+        )
         force, share = dense.law(mesh, sweep_of(law))
         scale = law.stiffness * law.backlash
         np.testing.assert_allclose(
@@ -123,13 +126,12 @@ def test_autodiff_of_the_force_is_the_slope_and_of_the_energy_the_force():
 def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
     near = 1e-9
     for derivatives in (per_sample, energy_slopes):
-        at = jax.tree.leaves(derivatives(DYADIC, KNOTS))
-        below, above = (
-            jax.tree.leaves(derivatives(DYADIC, KNOTS + side)) for side in (-near, near)
-        )
-        for here, *beside in zip(at, below, above, strict=True):
-            for there in beside:  # slopes change by at most near * 96 beside a knot
-                np.testing.assert_allclose(here, there, rtol=0, atol=1e-6)
+        at_knots = jax.tree.leaves(derivatives(DYADIC, KNOTS))
+        for side in (-near, near):
+            beside = jax.tree.leaves(derivatives(DYADIC, KNOTS + side))
+            for knot, neighbour in zip(at_knots, beside, strict=True):
+                # Slopes change by at most near * 96 beside a knot.
+                np.testing.assert_allclose(knot, neighbour, rtol=0, atol=1e-6)
     np.testing.assert_allclose(
         per_sample(DYADIC, KNOTS)[1], backlash.slope(DYADIC, KNOTS), rtol=ALGEBRAIC
     )
@@ -143,19 +145,19 @@ def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
 
 @pytest.mark.parametrize("function", [backlash.force, backlash.energy])
 def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(function):
-    # away from the knots, where the third derivative that limits central differences
-    # exists
+    # Away from the knots, where the third derivative that limits central differences
+    # exists.
     l = np.array([-0.5, -0.27, -0.21, -0.1, 0.05, 0.24, 0.29, 0.4])
     derivatives = per_sample if function is backlash.force else energy_slopes
-    way = Law(0.6, -0.3, 0.5, -0.4)
-    ahead, behind = (
-        jax.tree.map(lambda a, b, s=s: a + s * b, DYADIC, way) for s in (1e-5, -1e-5)
-    )
-    found = sum(
-        jax.tree.leaves(jax.tree.map(np.multiply, derivatives(DYADIC, l)[0], way))
-    )
+    direction = Law(0.6, -0.3, 0.5, -0.4)
+
+    def moved(step):
+        return jax.tree.map(lambda a, b: a + step * b, DYADIC, direction)
+
+    slopes = jax.tree.map(np.multiply, derivatives(DYADIC, l)[0], direction)
+    difference = (function(moved(1e-5), l) - function(moved(-1e-5), l)) / 2e-5
     np.testing.assert_allclose(
-        found, (function(ahead, l) - function(behind, l)) / 2e-5, rtol=0, atol=GRADIENT
+        sum(jax.tree.leaves(slopes)), difference, rtol=0, atol=GRADIENT
     )
 
 
@@ -183,9 +185,8 @@ def test_hand_written_slopes_of_the_mesh_force_are_those_of_autodiff(in_contact)
 def test_damping_in_contact_pulls_nothing_in_the_gap_and_damping_always_does():
     l = np.array([0.0, 0.1, -0.1, 0.4])
     rate = np.array([-2.0, -2.0, 2.0, -2.0])
-    gated = backlash.mesh_force(DYADIC, 0.5, True, l, rate) - backlash.force(DYADIC, l)
-    always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - backlash.force(
-        DYADIC, l
-    )
+    elastic = backlash.force(DYADIC, l)
+    gated = backlash.mesh_force(DYADIC, 0.5, True, l, rate) - elastic
+    always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - elastic
     np.testing.assert_allclose(gated, [0, 0, 0, -1.0], rtol=0, atol=ALGEBRAIC)
     np.testing.assert_allclose(always, [-1.0, -1.0, 1.0, -1.0], rtol=0, atol=ALGEBRAIC)

@@ -25,8 +25,8 @@ def random_tree(draw, size):
 
 def sweep(parent, near, far, link, node, load, solve=solve):
     """Displacements and forces ``(S, H, R)``."""
-    found = solve(slots(parent), near, far, link, node, load.transpose(0, 2, 1))
-    return [np.asarray(a).transpose(0, 2, 1) for a in found]
+    result = solve(slots(parent), near, far, link, node, load.transpose(0, 2, 1))
+    return [np.asarray(a).transpose(0, 2, 1) for a in result]
 
 
 def random_line(draw, *shape):
@@ -49,8 +49,8 @@ def dense_solution(parent, near, far, link, node, load):
     return x, force
 
 
-def relative_error(found, exact):
-    return np.abs(np.asarray(found) - exact).max() / np.abs(exact).max()
+def relative_error(actual, exact):
+    return np.abs(np.asarray(actual) - exact).max() / np.abs(exact).max()
 
 
 @pytest.mark.parametrize("place", [solve, scalar_sweep], ids=["program", "host"])
@@ -58,15 +58,15 @@ def relative_error(found, exact):
 def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
     draw = np.random.default_rng(size)
     for _ in range(20):
-        parent, near, far = random_tree(draw, size), *draw.uniform(0.3, 3.0, (2, size))
+        parent = random_tree(draw, size)
+        near, far = draw.uniform(0.3, 3.0, (2, size))
         link = random_line(draw, size, 4)
         node = random_line(draw, size, 4)
         load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
         exact = dense_solution(parent, near, far, link, node, load)
-        for found, wanted in zip(
-            sweep(parent, near, far, link, node, load, place), exact, strict=True
-        ):
-            assert relative_error(found, wanted) < ALGEBRAIC
+        swept = sweep(parent, near, far, link, node, load, place)
+        for actual, expected in zip(swept, exact, strict=True):
+            assert relative_error(actual, expected) < ALGEBRAIC
 
 
 def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
@@ -75,7 +75,8 @@ def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
     harmonics = 3
     width = 7
     for _ in range(15):
-        parent, near, far = random_tree(draw, size), *draw.uniform(0.5, 2.0, (2, size))
+        parent = random_tree(draw, size)
+        near, far = draw.uniform(0.5, 2.0, (2, size))
         c = 0.1 * (
             draw.normal(size=(size, width)) + 1j * draw.normal(size=(size, width))
         )
@@ -90,30 +91,29 @@ def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
         K[np.arange(size), :, np.arange(size), :] = node
         for s in range(size - 1):
             row = np.zeros(size)
-            row[s], row[parent[s]] = near[s], -far[s]
+            row[s] = near[s]
+            row[parent[s]] = -far[s]
             K += np.einsum("s,t,ij->sitj", row, row, link[s])
-        exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1)).reshape(
-            size, width
-        )
+        exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1))
+        exact = exact.reshape(size, width)
         apart = near[:-1, None] * exact[:-1] - far[:-1, None] * exact[parent[:-1]]
         assert relative_error(x, exact) < ALGEBRAIC
-        assert (
-            relative_error(deflection[:-1], apart) < ALGEBRAIC
-            and not deflection[-1].any()
-        )
+        assert relative_error(deflection[:-1], apart) < ALGEBRAIC
+        assert not deflection[-1].any()
         assert 0 < quality <= 1
 
 
-def test_matrix_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
+def test_matrix_sweep_tells_a_pivot_that_breaks_down_though_the_matrix_is_regular():
     # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1,
-    # b = 0.1, c = 1 + a cos 2t
+    # b = 0.1, c = 1 + a cos 2t.
     m = 1.0
     b = 0.1
     a = 0.200109342148869
     harmonics = 8
     n = np.arange(harmonics + 1)
     coefficients = np.zeros(2 * harmonics + 1, complex)
-    coefficients[0], coefficients[2] = 1.0, a / 2
+    coefficients[0] = 1.0
+    coefficients[2] = a / 2
     link = np.asarray(fourier.product_matrix(coefficients))[None].repeat(2, 0)
     node = np.asarray(
         fourier.packed_diagonal(
@@ -192,17 +192,17 @@ def test_case_a2_trees_in_the_numbering_of_fridman_with_fictitious_nodes(
         str(p): int(slots[q]) if q < len(slots) else 0
         for p, q in zip(slots, parent, strict=True)
     }
-    found = tree_case(parent, slots.tolist(), [int(n) for n in expected["a"]])
-    for k, own in enumerate(expected["a"].values()):
-        for place, value in own.items():
+    solution = tree_case(parent, slots.tolist(), [int(n) for n in expected["a"]])
+    for k, amplitudes in enumerate(expected["a"].values()):
+        for place, value in amplitudes.items():
             np.testing.assert_allclose(
-                found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC
+                solution[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC
             )
 
 
 def test_a_part_that_nothing_holds_rests_on_its_parent():
-    # a ring behind a purely viscous link: at the mean its pivot is 0, at other
-    # harmonics it is an ordinary node
+    # A ring behind a purely viscous link: at the mean its pivot is 0, at other
+    # harmonics it is an ordinary node.
     node = np.array([[0.0, -4.0], [3.0, 2.0]], complex)
     link = np.array([[0.0, 1j], [0.0, 0.0]])
     x, force = sweep(
@@ -220,8 +220,8 @@ def test_a_part_that_nothing_holds_rests_on_its_parent():
 
 
 def test_an_undamped_absorber_at_its_frequency_holds_its_parent_still():
-    # the pivot m omega^2 - c of the absorber is exactly 0, the whole matrix is regular:
-    # x = (-1/4, 0), link force -1
+    # The pivot m omega^2 - c of the absorber is exactly 0, the whole matrix is regular:
+    # x = (-1/4, 0), link force -1.
     node = np.array([[-4.0], [-5.0 + 1j]])
     link = np.array([[4.0], [0.0]], complex)
     load = np.array([[[0.0]], [[1.0]]], complex)

@@ -17,24 +17,32 @@ def equation(law, **changes):
     """Meshes with damping in contact, free of any train."""
     linear = np.zeros((2, HARMONICS + 1), complex)
     receptance = np.zeros((HARMONICS + 1, 2, 2), complex)
-    contact = np.array([True, False])
-    given = linear, receptance, np.array(1.0), law, np.array([0.05, 0.03]), contact
-    return condensation.CondensedEquation(*given, **changes)
+    equation = condensation.CondensedEquation(
+        linear,
+        receptance,
+        np.array(1.0),
+        law,
+        np.array([0.05, 0.03]),
+        np.array([True, False]),
+    )
+    return dataclasses.replace(equation, **changes)
 
 
 @pytest.fixture(scope="module")
 def motion():
     """Deflections that cross their gaps some ten times a cycle."""
     draw = np.random.default_rng(7)
-    motion = draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(
-        size=(2, HARMONICS + 1)
-    )
+    shape = (2, HARMONICS + 1)
+    motion = draw.normal(size=shape) + 1j * draw.normal(size=shape)
     motion[:, 0] = motion[:, 0].real
     return motion / (1 + np.arange(HARMONICS + 1)) ** 0.8
 
 
 LAW = backlash.Law(
-    *(np.array(pair) for pair in ([3.0, 5.0], [1e-3, 0.05], [0.04, 0.2], [1.0, 0.7]))
+    stiffness=np.array([3.0, 5.0]),
+    epsilon=np.array([1e-3, 0.05]),
+    transition=np.array([0.04, 0.2]),
+    backlash=np.array([1.0, 0.7]),
 )
 ONE_SIDED = dataclasses.replace(
     LAW,
@@ -48,45 +56,50 @@ force = jax.jit(cell_forces.force_coefficients, static_argnums=2)
 slopes = jax.jit(cell_forces.slope_coefficients, static_argnums=(2, 3))
 
 
-def error(found, wanted):
-    return float(np.abs(found - wanted).max() / np.abs(wanted).max())
+def error(actual, expected):
+    return float(np.abs(actual - expected).max() / np.abs(expected).max())
 
 
 def test_forces_and_slopes_tend_to_the_exact_integrals_with_the_cells(motion):
     exact = equation(LAW, integrals="exact")
-    wanted = jax.jit(lambda: exact.nonlinear_force_coefficients(motion, 0))()
-    wanted_slopes = jax.jit(lambda: exact.nonlinear_slopes(motion, 0, 2 * HARMONICS))()
+    expected = jax.jit(lambda: exact.nonlinear_force_coefficients(motion, 0))()
+    expected_slopes = jax.jit(
+        lambda: exact.nonlinear_slopes(motion, 0, 2 * HARMONICS)
+    )()
     sampled = equation(LAW)
-    errors = [error(force(sampled, motion, k * HARMONICS), wanted) for k in (32, 128)]
+    errors = [error(force(sampled, motion, k * HARMONICS), expected) for k in (32, 128)]
     of_slopes = [
-        error(slopes(sampled, motion, k * HARMONICS, 2 * HARMONICS), wanted_slopes)
+        error(slopes(sampled, motion, k * HARMONICS, 2 * HARMONICS), expected_slopes)
         for k in (32, 128)
     ]
-    assert errors[-1] < 1e-4 and of_slopes[-1] < 2e-3
-    for found in (errors, of_slopes):
-        assert np.log2(found[0] / found[-1]) / 2 > 1.5, found
+    assert errors[-1] < 1e-4
+    assert of_slopes[-1] < 2e-3
+    for decay in (errors, of_slopes):
+        assert np.log2(decay[0] / decay[-1]) / 2 > 1.5, decay
 
 
 def test_cells_beat_samples_eight_times_as_fine(motion):
-    exact, sampled = equation(LAW, integrals="exact"), equation(LAW)
-    wanted = jax.jit(lambda: exact.nonlinear_slopes(motion, 0, 2 * HARMONICS))()
+    exact = equation(LAW, integrals="exact")
+    sampled = equation(LAW)
+    expected = jax.jit(lambda: exact.nonlinear_slopes(motion, 0, 2 * HARMONICS))()
     fine = jax.jit(
         lambda: sampled.nonlinear_slopes(motion, 256 * HARMONICS, 2 * HARMONICS)
     )()
     assert error(
-        slopes(sampled, motion, 32 * HARMONICS, 2 * HARMONICS), wanted
-    ) < error(fine, wanted)
+        slopes(sampled, motion, 32 * HARMONICS, 2 * HARMONICS), expected
+    ) < error(fine, expected)
 
 
 def test_one_flank_and_dry_friction_are_those_of_many_samples(motion):
-    sampled, many = equation(ONE_SIDED), 2**16
-    wanted = jax.jit(lambda: sampled.nonlinear_force_coefficients(motion, many))()
-    wanted_slopes = jax.jit(
+    sampled = equation(ONE_SIDED)
+    many = 2**16
+    expected = jax.jit(lambda: sampled.nonlinear_force_coefficients(motion, many))()
+    expected_slopes = jax.jit(
         lambda: sampled.nonlinear_slopes(motion, many, 2 * HARMONICS)
     )()
-    assert error(force(sampled, motion, 64 * HARMONICS), wanted) < 1e-3
+    assert error(force(sampled, motion, 64 * HARMONICS), expected) < 1e-3
     assert (
-        error(slopes(sampled, motion, 64 * HARMONICS, 2 * HARMONICS), wanted_slopes)
+        error(slopes(sampled, motion, 64 * HARMONICS, 2 * HARMONICS), expected_slopes)
         < 5e-3
     )
 
@@ -96,18 +109,19 @@ def test_what_varies_follows_the_stiffness_of_the_instant(motion):
     variation[:, 2] = 0.2 - 0.1j
     law = dataclasses.replace(LAW, linear=LAW.stiffness)
     sampled = equation(law, variation=variation)
-    wanted = jax.jit(lambda: sampled.nonlinear_force_coefficients(motion, 2**16))()
-    assert error(force(sampled, motion, 64 * HARMONICS), wanted) < 1e-3
+    expected = jax.jit(lambda: sampled.nonlinear_force_coefficients(motion, 2**16))()
+    assert error(force(sampled, motion, 64 * HARMONICS), expected) < 1e-3
 
 
 def test_a_motion_that_stays_on_its_flank_has_constant_forces():
     still = np.zeros((2, HARMONICS + 1), complex)
-    still[:, 0], still[:, 1] = 3.0, 0.5
-    found = np.asarray(force(equation(LAW), still, 32 * HARMONICS))
+    still[:, 0] = 3.0
+    still[:, 1] = 0.5
+    forces = np.asarray(force(equation(LAW), still, 32 * HARMONICS))
     np.testing.assert_allclose(
-        found[:, 0].real, -np.asarray(backlash.offset(LAW)), rtol=1e-12
+        forces[:, 0].real, -np.asarray(backlash.offset(LAW)), rtol=1e-12
     )
-    np.testing.assert_allclose(found[:, 1:], 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces[:, 1:], 0.0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
         slopes(equation(LAW), still, 32 * HARMONICS, 4), 0.0, rtol=0, atol=1e-9
     )

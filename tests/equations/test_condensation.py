@@ -60,18 +60,16 @@ def test_receptances_are_those_of_the_dense_train_in_angles(case):
     load = dense.torques(parts, HARMONICS, 1)
     for n in range(HARMONICS + 1):
         Z = dense.dynamic_stiffness(parts, n * float(problem.frequency))
-        wanted = rows @ np.linalg.solve(Z, rows.T)
+        expected = rows @ np.linalg.solve(Z, rows.T)
         np.testing.assert_allclose(
-            reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max()
+            reduced.receptance[n], expected, rtol=0, atol=1e-10 * np.abs(expected).max()
         )
         linear = rows @ np.linalg.solve(Z, load[:, n])
-        # differences of dense angles: the soft ground costs them three digits at the
-        # mean
+        # Differences of dense angles: the soft ground costs them three digits at the
+        # mean.
+        scale = np.abs(reduced.linear).max()
         np.testing.assert_allclose(
-            reduced.linear[:, n],
-            linear,
-            rtol=0,
-            atol=1e-9 * np.abs(reduced.linear).max(),
+            reduced.linear[:, n], linear, rtol=0, atol=1e-9 * scale
         )
 
 
@@ -87,19 +85,12 @@ def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
     )
     assert not np.asarray(reduced.linear[:, HARMONICS + 1 :]).any()
     rows = np.array([row for _, row in dense.links(parts)[-2:]])
-    for n in (
-        0,
-        1,
-        condensation.CHUNK - 1,
-        condensation.CHUNK,
-        condensation.CHUNK + 1,
-        harmonics,
-    ):
-        wanted = rows @ np.linalg.solve(
-            dense.dynamic_stiffness(parts, n * float(problem.frequency)), rows.T
-        )
+    chunk = condensation.CHUNK
+    for n in (0, 1, chunk - 1, chunk, chunk + 1, harmonics):
+        stiffness = dense.dynamic_stiffness(parts, n * float(problem.frequency))
+        expected = rows @ np.linalg.solve(stiffness, rows.T)
         np.testing.assert_allclose(
-            reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max()
+            reduced.receptance[n], expected, rtol=0, atol=1e-10 * np.abs(expected).max()
         )
 
 
@@ -140,10 +131,12 @@ def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
     system = jax.tree.map(jnp.asarray, problem.system)
     omega = dynamic_stiffness.frequencies(problem.frequency, 40)
     columns = system.incidence(problem.meshes.link)
-    found = jax.jit(dynamic_stiffness.receptance)(system, omega, columns)
-    wanted = jax.jit(dynamic_stiffness._receptance_of_all_disks)(system, omega, columns)
-    size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(found / size, wanted / size, rtol=0, atol=ALGEBRAIC)
+    folded = jax.jit(dynamic_stiffness.receptance)(system, omega, columns)
+    expected = jax.jit(dynamic_stiffness._receptance_of_all_disks)(
+        system, omega, columns
+    )
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(folded / size, expected / size, rtol=0, atol=ALGEBRAIC)
 
 
 def assert_same_equation(problem, reduced, condensed, l):
@@ -155,9 +148,11 @@ def assert_same_equation(problem, reduced, condensed, l):
     full = evaluate(force_balance(problem, HARMONICS, SAMPLES), fourier.pack(x))
     meshes = np.asarray(problem.meshes.link)[: len(l)]
     moved = problem.system.deflections(x, meshes)
-    # D x as a difference of displacements loses some digits
-    found = reduced_residual(reduced, l, SAMPLES)
-    np.testing.assert_allclose(found, l - moved, rtol=0, atol=1e-10 * np.abs(l).max())
+    # D x as a difference of displacements loses some digits.
+    residual = reduced_residual(reduced, l, SAMPLES)
+    np.testing.assert_allclose(
+        residual, l - moved, rtol=0, atol=1e-10 * np.abs(l).max()
+    )
     left = problem.system.incidence(meshes) @ (
         np.asarray(excess_at(reduced, moved, SAMPLES)) - nonlinear_force
     )
@@ -168,15 +163,17 @@ def assert_same_equation(problem, reduced, condensed, l):
 
 
 def test_reduced_and_full_residual_are_the_same_equation(case):
-    assert_same_equation(*case[1:])
+    _, problem, reduced, condensed, l = case
+    assert_same_equation(problem, reduced, condensed, l)
 
 
 def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_a_loop(
     case,
 ):
-    law = {"backlash": 1e-4, "epsilon": 0.02, "transition": 0.3}
     parts = [
-        dataclasses.replace(p, **law) if isinstance(p, Mesh) else p
+        dataclasses.replace(p, backlash=1e-4, epsilon=0.02, transition=0.3)
+        if isinstance(p, Mesh)
+        else p
         for p in gearbox_parts()
     ]
     problem = problem_at(build(parts, reference="motor"), RPM, HARMONICS)
@@ -196,9 +193,9 @@ def test_padding_with_idle_meshes_changes_nothing(case):
     )
     padded, _ = reduce(problem, HARMONICS, idle)
     value = reduced_residual(padded, np.concatenate([l, 0 * l]), SAMPLES)
-    wanted = reduced_residual(reduced, l, SAMPLES)
+    expected = reduced_residual(reduced, l, SAMPLES)
     np.testing.assert_allclose(
-        value[:2], wanted, rtol=0, atol=ALGEBRAIC * np.abs(l).max()
+        value[:2], expected, rtol=0, atol=ALGEBRAIC * np.abs(l).max()
     )
     assert not np.asarray(value[2:]).any()
 
@@ -206,7 +203,8 @@ def test_padding_with_idle_meshes_changes_nothing(case):
 def test_excess_is_constant_while_a_mesh_stays_on_one_flank(case):
     _, problem, reduced, _, _ = case
     l = np.zeros((2, HARMONICS + 1), complex)
-    l[:, 0], l[:, 1] = 2e-4, 2e-5
+    l[:, 0] = 2e-4
+    l[:, 1] = 2e-5
     nonlinear_force = np.asarray(excess_at(reduced, l, SAMPLES))
     offset = -0.98 * 2e8 * 1e-4 / 2
     np.testing.assert_allclose(nonlinear_force[:, 0], offset, rtol=ALGEBRAIC)

@@ -49,9 +49,8 @@ def motion(seed, *, decay=1.0):
     each.
     """
     draw = np.random.default_rng(seed)
-    l = draw.normal(size=(MESHES, HARMONICS + 1)) + 1j * draw.normal(
-        size=(MESHES, HARMONICS + 1)
-    )
+    shape = (MESHES, HARMONICS + 1)
+    l = draw.normal(size=shape) + 1j * draw.normal(size=shape)
     l /= np.maximum(1, np.arange(HARMONICS + 1)) ** decay
     l[:, 0] = 0.3 * l[:, 0].real
     l /= np.abs(l).sum(-1, keepdims=True)
@@ -67,17 +66,17 @@ def motion(seed, *, decay=1.0):
 def test_case_a6_closed_form_of_a_cosine():
     params, expected = method_case("A6_fourier_coefs_Acos")
     law = Law(
-        *(
-            np.full(MESHES, float(v))
-            for v in (params["c"], params["eps"], 0.2, params["h"])
-        )
+        stiffness=np.full(MESHES, float(params["c"])),
+        epsilon=np.full(MESHES, float(params["eps"])),
+        transition=np.full(MESHES, 0.2),
+        backlash=np.full(MESHES, float(params["h"])),
     )
     l = np.zeros((MESHES, 12), complex)
     l[:, 1] = float(params["A"]) / 2 * np.exp(1j * np.array([0.0, 0.7]))
     turn = np.exp(-1j * np.arange(12) * np.array([0.0, 0.7])[:, None])
-    found = turn * coefficients(law, np.zeros(MESHES), False, l)
+    forces = turn * coefficients(law, np.zeros(MESHES), False, l)
     for k, value in expected["f_hat"].items():
-        np.testing.assert_allclose(found[:, int(k)], float(value), rtol=0, atol=EXACT)
+        np.testing.assert_allclose(forces[:, int(k)], float(value), rtol=0, atol=EXACT)
 
 
 def test_a_mesh_without_backlash_has_no_knots_to_pass():
@@ -92,7 +91,8 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
     crossings = locate(law, l)
-    assert crossings.complete and not np.any(crossings.inverse_rate)
+    assert crossings.complete
+    assert not np.any(crossings.inverse_rate)
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,9 @@ def test_integrals_are_those_of_many_samples_however_short_the_transition(
     law, viscous, l = motion(2)
     law = dataclasses.replace(law, transition=np.full(MESHES, transition))
     viscous = viscous if transition > 1e-3 else 0 * viscous
-    found = coefficients(law, viscous, gated, l)
-    np.testing.assert_allclose(
-        found, coefficients(law, viscous, gated, l, samples=2**21), rtol=0, atol=1e-10
-    )
+    exact = coefficients(law, viscous, gated, l)
+    sampled = coefficients(law, viscous, gated, l, samples=2**21)
+    np.testing.assert_allclose(exact, sampled, rtol=0, atol=1e-10)
 
 
 def test_room_that_is_too_small_is_told():
@@ -142,15 +141,13 @@ def test_sampling_comes_near_with_its_order():
     counts = np.array([2**8, 2**10, 2**12])
     for gated, order in ((False, 3), (True, 2)):
         apart = np.zeros((6, len(counts)))
-        for seed in range(
-            6
-        ):  # one motion's error depends on where its knots fall among the samples
-            wanted = coefficients(*motion(seed)[:2], gated, motion(seed)[2])
+        # The error of a motion depends on where its knots fall among the samples.
+        for seed in range(6):
+            law, viscous, l = motion(seed)
+            exact = coefficients(law, viscous, gated, l)
             for i, count in enumerate(counts):
-                sampled = coefficients(
-                    *motion(seed)[:2], gated, motion(seed)[2], samples=int(count)
-                )
-                apart[seed, i] = np.linalg.norm(sampled - wanted)
+                sampled = coefficients(law, viscous, gated, l, samples=int(count))
+                apart[seed, i] = np.linalg.norm(sampled - exact)
         slope = np.polyfit(np.log(counts), np.log(np.sqrt((apart**2).mean(0))), 1)[0]
         assert abs(slope + order) < 0.4
 
@@ -159,7 +156,8 @@ def one_gradient(theta):
     """Value and gradient, damped in contact, in a batch as large as that of the
     differences: one program.
     """
-    return [found[0] for found in gradient(np.tile(theta, (4 * len(theta), 1)), True)]
+    values, slopes = gradient(np.tile(theta, (4 * len(theta), 1)), True)
+    return values[0], slopes[0]
 
 
 hessian = jax.jit(jax.hessian(objective), static_argnums=1)
@@ -175,18 +173,19 @@ def test_first_and_second_derivatives_are_those_of_differences():
     """In deflections, stiffness, epsilon, transition, backlash and damping;
     fourth-order differences: 1e-9 at worst.
     """
-    theta = packed(*motion(3))
+    law, viscous, l = motion(3)
+    theta = packed(law, viscous, l)
     gradients = []
 
     def value(at):
-        found, slopes = gradient(at, True)
+        values, slopes = gradient(at, True)
         gradients.append(np.asarray(slopes))
-        return found
+        return values
 
     first = differences(value, theta, np.full(len(theta), 1e-4))
     near, back, far, farther = np.split(gradients[0], 4)
-    found = one_gradient(theta)[1]
-    np.testing.assert_allclose(found, first, rtol=0, atol=1e-9 * np.abs(first).max())
+    _, slopes = one_gradient(theta)
+    np.testing.assert_allclose(slopes, first, rtol=0, atol=1e-9 * np.abs(first).max())
     second = (8 * (near - back) - (far - farther)) / 12e-4
     np.testing.assert_allclose(
         hessian(theta, True), second, rtol=0, atol=1e-8 * np.abs(second).max()
@@ -199,13 +198,12 @@ def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage():
     for mean in (law.gap, 0.14, 0.26):
         for amplitude in (0.0, 0.1):
             resting = np.zeros_like(l)
-            resting[:, 0], resting[:, 1] = (
-                mean - amplitude,
-                amplitude / 2,
-            )  # touches l = mean at t = 0
+            # Touches l = mean at t = 0.
+            resting[:, 0] = mean - amplitude
+            resting[:, 1] = amplitude / 2
             thetas.append(packed(law, viscous, resting))
-    value, first = gradient(
-        np.resize(thetas, (4 * len(thetas[0]), len(thetas[0]))), True
-    )
-    assert np.isfinite(value).all() and np.isfinite(first).all()
+    size = len(thetas[0])
+    value, first = gradient(np.resize(thetas, (4 * size, size)), True)
+    assert np.isfinite(value).all()
+    assert np.isfinite(first).all()
     assert all(np.isfinite(hessian(theta, True)).all() for theta in thetas)

@@ -26,41 +26,41 @@ NUMBERS = {
 }
 
 
-def one(samples=7200, revolutions=2, **changes):
+def cycle(samples=7200, revolutions=2, expansion_exponent=1.27):
     """Pressures of one cylinder without heat and per joule, [samples] each."""
-    given = {key: np.array([value]) for key, value in (NUMBERS | changes).items()}
-    size = (np.array([v]) for v in (BORE, STROKE, ROD))
-    charge, exhaust, heat = (
-        p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples)
+    numbers = NUMBERS | {"expansion_exponent": expansion_exponent}
+    by_charge, by_exhaust, by_heat = pressures(
+        np.array([BORE]),
+        np.array([STROKE]),
+        np.array([ROD]),
+        {key: np.array([value]) for key, value in numbers.items()},
+        revolutions=revolutions,
+        samples=samples,
     )
-    return (
-        NUMBERS["charge_pressure"] * charge + NUMBERS["exhaust_pressure"] * exhaust,
-        heat,
-    )
+    charge = NUMBERS["charge_pressure"] * by_charge[0]
+    exhaust = NUMBERS["exhaust_pressure"] * by_exhaust[0]
+    return charge + exhaust, by_heat[0]
 
 
 def volume(degrees):
-    return (
-        np.pi
-        / 4
-        * BORE**2
-        * (STROKE / 15.0 + slider_crank(np.deg2rad(degrees), STROKE, ROD)[0])
-    )
+    travel = slider_crank(np.deg2rad(degrees), STROKE, ROD)[0]
+    return np.pi / 4 * BORE**2 * (STROKE / 15.0 + travel)
 
 
 def test_without_heat_compression_and_expansion_are_one_polytrope():
-    motored, _ = one(expansion_exponent=1.36)
+    motored, _ = cycle(expansion_exponent=1.36)
     angle = np.arange(7200) * 0.1
     closed = (angle < 180) | (angle >= 540)
     work = (motored * volume(angle) ** 1.36)[closed]
     np.testing.assert_allclose(work, 1.8e5 * volume(180.0) ** 1.36, rtol=ALGEBRAIC)
-    assert set(motored[1800:3600]) == {1.4e5} and set(motored[3600:5400]) == {1.8e5}
+    assert set(motored[1800:3600]) == {1.4e5}
+    assert set(motored[3600:5400]) == {1.8e5}
 
 
 def test_the_burnt_share_is_0_before_the_start_and_999_per_mille_after_the_duration():
     angle = np.array([-50.0, -7.3, 47.7, 180.0])
-    found = burnt_share(angle, -7.3, 55.0, 1.1)
-    np.testing.assert_allclose(found, [0.0, 0.0, 0.999, 1.0], atol=1e-9)
+    share = burnt_share(angle, -7.3, 55.0, 1.1)
+    np.testing.assert_allclose(share, [0.0, 0.0, 0.999, 1.0], atol=1e-9)
 
 
 def integrated(heat):
@@ -85,34 +85,37 @@ def integrated(heat):
         grown = area * slider_crank(np.deg2rad(a), STROKE, ROD)[1] * np.pi / 180
         return (-exponent * p * grown + (exponent - 1) * heat * burning) / volume(a)
 
-    given = {
-        "t_eval": np.arange(-180, 181),
-        "rtol": 1e-10,
-        "atol": 1e-3,
-        "max_step": 1.0,
-    }
-    return solve_ivp(slope, (-180, 180), [n["charge_pressure"]], **given).y[0]
+    solution = solve_ivp(
+        slope,
+        (-180, 180),
+        [n["charge_pressure"]],
+        t_eval=np.arange(-180, 181),
+        rtol=1e-10,
+        atol=1e-3,
+        max_step=1.0,
+    )
+    return solution.y[0]
 
 
 def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_step():
-    wanted = integrated(2500.0)
+    expected = integrated(2500.0)
     errors = []
     for samples in (1440, 2880, 5760):
-        motored, per_joule = one(samples)
+        motored, per_joule = cycle(samples)
         pressure = motored + 2500.0 * per_joule
         degree = samples // 720
-        found = np.concatenate(
+        actual = np.concatenate(
             [pressure[540 * degree :: degree], pressure[: 180 * degree : degree]]
         )
-        errors.append(np.max(np.abs(found - wanted[:-1])) / wanted.max())
+        errors.append(np.max(np.abs(actual - expected[:-1])) / expected.max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert errors[-1] < 1e-5
     np.testing.assert_allclose(orders, 2.0, atol=0.2)
 
 
 def test_a_two_stroke_cycle_has_no_gas_exchange_strokes():
-    two = one(revolutions=1, samples=7200)[0]
-    four = one(revolutions=2, samples=14400)[0]
+    two, _ = cycle(revolutions=1, samples=7200)
+    four, _ = cycle(revolutions=2, samples=14400)
     np.testing.assert_allclose(two[:3600], four[:3600], rtol=ALGEBRAIC)
     np.testing.assert_allclose(two[3600:], four[10800:], rtol=ALGEBRAIC)
 
@@ -121,8 +124,10 @@ def test_hats_are_linear_interpolation_with_the_nearest_value_outside():
     grid = gas.padded([[1.0, 2.0, 4.0], [3.0]])
     x = np.array([[0.0, 0.0], [1.25, 3.0], [4.0, 5.0], [9.0, 9.0]])
     values = np.array([[10.0, 20.0, 60.0], [5.0, 0.0, 0.0]])
-    found = (gas.hats(x, grid) * values).sum(axis=-1)
+    interpolated = (gas.hats(x, grid) * values).sum(axis=-1)
     np.testing.assert_allclose(
-        found[:, 0], np.interp(x[:, 0], [1.0, 2.0, 4.0], values[0]), rtol=ALGEBRAIC
+        interpolated[:, 0],
+        np.interp(x[:, 0], [1.0, 2.0, 4.0], values[0]),
+        rtol=ALGEBRAIC,
     )
-    np.testing.assert_allclose(found[:, 1], 5.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(interpolated[:, 1], 5.0, rtol=ALGEBRAIC)

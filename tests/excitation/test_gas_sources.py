@@ -2,6 +2,8 @@
 pulsating loads and speed laws.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,13 +26,6 @@ from jaxhb.elements.elements import (
 from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic
 from jaxhb.train.assembly import build
 
-CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
-BURNING = {
-    "compression_ratio": 16.0,
-    "charge_pressure": 2e5,
-    "start": -5.3,
-    "duration": 61.0,
-}
 SWEPT = np.pi / 4 * 0.1**2 * 0.12
 
 
@@ -47,27 +42,46 @@ def traces(*speeds, loads=(1.0,)):
     ]
 
 
-def cylinder(name="c", **more):
-    return Cylinder(**({"disk": "a", "name": name} | CRANK | more))
+def cylinder(name="c", reciprocating_mass=2.0, **source):
+    return Cylinder(
+        disk="a",
+        name=name,
+        bore=0.1,
+        stroke=0.12,
+        rod=0.2,
+        reciprocating_mass=reciprocating_mass,
+        **source,
+    )
+
+
+def burning(**changes):
+    """A combustion that lacks its heat or imep."""
+    return Combustion(
+        compression_ratio=16.0,
+        charge_pressure=2e5,
+        start=-5.3,
+        duration=61.0,
+        **changes,
+    )
 
 
 def torque(train, rpm, harmonics=24):
     return np.asarray(excitation(train, rpm, harmonics)[0])[0]
 
 
-def single(peak, rpm, **more):
+def single(peak, rpm):
     """Torque of a cylinder with one pressure table."""
-    return torque(pair(cylinder(pressure=trace(peak), **more)), rpm)
+    return torque(pair(cylinder(pressure=trace(peak))), rpm)
 
 
-def close(found, wanted):
-    np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
+def close(actual, expected):
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(actual, expected, atol=ALGEBRAIC * scale)
 
 
 @pytest.mark.parametrize("rpm", [1000.0, 1500.0, 1800.0, 2400.0])
-def test_between_two_traces_the_pressure_is_linear_in_the_speed_and_at_one_it_alone_holds(
-    rpm,
-):
+def test_the_pressure_is_linear_in_the_speed_between_two_traces(rpm):
+    """At the speed of a trace that trace alone holds."""
     train = pair(cylinder(traces=traces(2400.0, 1000.0, 1500.0)))
     close(torque(train, rpm), single(5e3 * rpm, rpm))
 
@@ -76,18 +90,18 @@ def test_between_two_traces_the_pressure_is_linear_in_the_speed_and_at_one_it_al
 def test_outside_the_traces_the_nearest_holds_and_is_told(rpm, nearest):
     train = pair(cylinder(traces=traces(1000.0, 2400.0)))
     close(torque(train, rpm), single(5e3 * nearest, rpm))
-    said = (
+    note = (
         "the speed lies outside the pressure traces of 'c' (1000 to 2400 rpm): the"
         " nearest is used"
     )
-    assert train.outside_traces(rpm) == [said]
+    assert train.outside_traces(rpm) == [note]
     assert train.outside_traces(1000.0) == train.outside_traces(1700.0) == []
 
 
 def test_between_loads_the_pressure_is_linear_in_the_load_of_that_speed():
     parts = traces(1000.0, 2000.0, loads=(0.5, 1.0))
     train = pair(cylinder(traces=parts, load=[(1000.0, 0.5), (2000.0, 0.9)]))
-    # at 1500 rpm the load is 0.7; the peak is bilinear: 1e3 rpm (1 + 4 load)
+    # At 1500 rpm the load is 0.7; the peak is bilinear: 1e3 rpm (1 + 4 load)
     close(torque(train, 1500.0), single(1e3 * 1500.0 * 3.8, 1500.0))
     low = pair(cylinder(traces=parts, load=[(1000.0, 0.2)]))
     close(torque(low, 1500.0), single(1e3 * 1500.0 * 3.0, 1500.0))
@@ -97,57 +111,57 @@ def test_between_loads_the_pressure_is_linear_in_the_load_of_that_speed():
 
 
 def test_cylinders_with_different_sources_do_not_disturb_each_other():
-    sources = {
-        "two": {"traces": traces(1000.0, 2000.0)},
-        "three": {
-            "traces": traces(800.0, 1500.0, 2200.0, loads=(0.5, 1.0)),
-            "load": [(0.0, 0.8)],
-        },
-        "burning": {
-            "combustion": Combustion(imep=1e6, **BURNING),
-            "load": [(1000.0, 0.4), (2000.0, 1.0)],
-        },
-        "two-stroke": {
-            "combustion": Combustion(heat=900.0, stroke_cycle=2, **BURNING),
-            "ambient_pressure": 1e5,
-        },
-        "table": {"pressure": trace(8e6), "gas_factor": 0.9},
-        "given": {
-            "gas_torque_mean": 20.0,
-            "gas_torque": [(0.5, 3.0, 1.0)],
-            "gas_factor": 1.1,
-        },
-    }
+    cylinders = [
+        cylinder("two", traces=traces(1000.0, 2000.0)),
+        cylinder(
+            "three",
+            traces=traces(800.0, 1500.0, 2200.0, loads=(0.5, 1.0)),
+            load=[(0.0, 0.8)],
+        ),
+        cylinder(
+            "burning",
+            combustion=burning(imep=1e6),
+            load=[(1000.0, 0.4), (2000.0, 1.0)],
+        ),
+        cylinder(
+            "two-stroke",
+            combustion=burning(heat=900.0, stroke_cycle=2),
+            ambient_pressure=1e5,
+        ),
+        cylinder("table", pressure=trace(8e6), gas_factor=0.9),
+        cylinder(
+            "given",
+            gas_torque_mean=20.0,
+            gas_torque=[(0.5, 3.0, 1.0)],
+            gas_factor=1.1,
+        ),
+    ]
     for rpm in (700.0, 1700.0):
-        alone = [
-            torque(pair(cylinder(key, **more)), rpm) for key, more in sources.items()
-        ]
-        together = pair(*(cylinder(key, **more) for key, more in sources.items()))
+        alone = [torque(pair(part), rpm) for part in cylinders]
+        together = pair(*cylinders)
         close(torque(together, rpm), sum(alone))
 
 
 def test_the_mean_torque_of_a_combustion_is_that_of_its_imep_times_the_load():
-    burning = Combustion(imep=1.2e6, exhaust_pressure=1.5e5, **BURNING)
-    train = pair(cylinder(combustion=burning, load=[(600.0, 0.25), (2000.0, 1.0)]))
+    combustion = burning(imep=1.2e6, exhaust_pressure=1.5e5)
+    train = pair(cylinder(combustion=combustion, load=[(600.0, 0.25), (2000.0, 1.0)]))
     for rpm, share in ((600.0, 0.25), (1300.0, 0.625), (2500.0, 1.0)):
         np.testing.assert_allclose(
             torque(train, rpm)[0].real,
             share * 1.2e6 * SWEPT / (4 * np.pi),
             rtol=ALGEBRAIC,
         )
-    two = pair(cylinder(combustion=Combustion(imep=1.2e6, stroke_cycle=2, **BURNING)))
+    two = pair(cylinder(combustion=burning(imep=1.2e6, stroke_cycle=2)))
     np.testing.assert_allclose(
         torque(two, 900.0)[0].real, 1.2e6 * SWEPT / (2 * np.pi), rtol=ALGEBRAIC
     )
 
 
 def test_heat_and_imep_of_the_same_cycle_give_the_same_torque():
-    by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **BURNING)))
+    by_heat = pair(cylinder(combustion=burning(heat=2500.0)))
     imep = float(torque(by_heat, 1000.0)[0].real) * 4 * np.pi / SWEPT
-    close(
-        torque(pair(cylinder(combustion=Combustion(imep=imep, **BURNING))), 1000.0),
-        torque(by_heat, 1000.0),
-    )
+    by_imep = pair(cylinder(combustion=burning(imep=imep)))
+    close(torque(by_imep, 1000.0), torque(by_heat, 1000.0))
     with pytest.raises(
         SceneError, match="it has no effect, as the scene gives heat instead"
     ):
@@ -171,37 +185,36 @@ def test_a_train_without_the_additions_has_no_more_leaves():
 
 
 def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
-    alike = BURNING | {
-        "expansion_exponent": 1.35,
-        "compression_exponent": 1.35,
-    }  # without heat they give no work
-    light = {"reciprocating_mass": 0.0}
-    by_work = pair(cylinder(combustion=Combustion(imep=1e6, **alike), **light))
-    assert (
-        not torque(by_work.cut_off("c"), 1500.0).any()
-        and by_work.value("c.combustion.imep") == 1e6
-    )
+    # Without heat they give no work.
+    alike = burning(imep=1e6, expansion_exponent=1.35, compression_exponent=1.35)
+    by_work = pair(cylinder(combustion=alike, reciprocating_mass=0.0))
+    assert not torque(by_work.cut_off("c"), 1500.0).any()
+    assert by_work.value("c.combustion.imep") == 1e6
     compressing = torque(by_work.replace({"c.combustion.imep": 0.0}), 1500.0)
     assert abs(compressing[0]) < 1e-9 < 100.0 < abs(compressing).max()
-    by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **alike), **light))
+    alike = dataclasses.replace(alike, imep=None, heat=2500.0)
+    by_heat = pair(cylinder(combustion=alike, reciprocating_mass=0.0))
     close(torque(by_heat.replace({"c.combustion.heat": 0.0}), 1500.0), compressing)
     close(torque(by_work.misfire("c"), 1500.0), compressing)
 
 
 def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
-    given = {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)]}
-    parts = [
+    train = pair(
         cylinder("one", pressure=trace(8e6), ambient_pressure=1e5),
-        cylinder("two", firing_angle=360.0, **given),
-    ]
-    train = pair(*parts, cylinder("off", fires=False))
+        cylinder(
+            "two",
+            firing_angle=360.0,
+            gas_torque_mean=20.0,
+            gas_torque=[(0.5, 3.0, 1.0)],
+        ),
+        cylinder("off", fires=False),
+    )
     for trains, alone in (
         (train.misfires(), train.misfire),
         (train.cut_offs(), train.cut_off),
     ):
-        assert list(trains) == ["one", "two"] and {
-            t.topology for t in trains.values()
-        } == {train.topology}
+        assert list(trains) == ["one", "two"]
+        assert {t.topology for t in trains.values()} == {train.topology}
         batch = jax.tree.map(lambda *leaves: np.stack(leaves), *trains.values())
         mapped = jax.jit(jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0]))(batch)
         for name, row in zip(trains, mapped, strict=True):
@@ -216,8 +229,8 @@ def test_scatter_can_be_put_on_a_train_without_it():
     assert train.value("one.gas_factor") == 1.0
     strong = train.replace({"one.gas_factor": 1.04, "one.firing_angle": 0.5})
     weak = train.replace({"one.gas_factor": 0.0})
-    wanted = 1.04 * torque(train, 900.0) - 0.04 * torque(weak, 900.0)
-    close(torque(strong.replace({"one.firing_angle": 0.0}), 900.0), wanted)
+    expected = 1.04 * torque(train, 900.0) - 0.04 * torque(weak, 900.0)
+    close(torque(strong.replace({"one.firing_angle": 0.0}), 900.0), expected)
 
 
 def test_a_load_pulsates_in_proportion_to_the_torque_it_takes():
@@ -231,14 +244,13 @@ def test_a_load_pulsates_in_proportion_to_the_torque_it_takes():
         Torque(disk="a", mean=100.0, scale=[(600.0, 0.25), (1200.0, 1.0)]),
     ]
     train = build(parts, reference="a")
-    assert train.topology.load_harmonics == (
-        (4, 8),
-    )  # four blades at half the speed: order 2 of the reference
+    # Four blades at half the speed: order 2 of the reference.
+    assert train.topology.load_harmonics == ((4, 8),)
     for rpm, mean in ((600.0, -50.0), (1200.0, -200.0)):
-        found, load, _ = excitation(train, rpm, 8)
+        torques, load, _ = excitation(train, rpm, 8)
         np.testing.assert_allclose(load, [mean])
         np.testing.assert_allclose(
-            found[1, [4, 8]], [mean * 0.5 * (0.06 - 0.08j), mean * 0.5 * 0.01]
+            torques[1, [4, 8]], [mean * 0.5 * (0.06 - 0.08j), mean * 0.5 * 0.01]
         )
     assert highest_harmonic(train) == listed_harmonic(train.topology) == 8
     assert train.repeated(2).topology.load_harmonics == ((8, 16),)
@@ -259,9 +271,9 @@ def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
     plain = Torque(name="r", disk="a", harmonics=[(2.0, 5.0, 0.0)])
     train = pair(propeller, cubic, plain, Ground(disk="a", stiffness=10.0))
     for rpm in (750.0, 1500.0, 2000.0):
-        found = np.asarray(excitation(train, rpm, 8)[0])
-        np.testing.assert_allclose(found[1, 8], 15.0 * (rpm / 1500.0) ** 2)
-        np.testing.assert_allclose(found[0, [2, 4]], [4.0 * (rpm / 1000.0) ** 3, 2.5])
+        torques = np.asarray(excitation(train, rpm, 8)[0])
+        np.testing.assert_allclose(torques[1, 8], 15.0 * (rpm / 1500.0) ** 2)
+        np.testing.assert_allclose(torques[0, [2, 4]], [4.0 * (rpm / 1000.0) ** 3, 2.5])
     load = excitation(train, 750.0, 0)[1]
     np.testing.assert_allclose(load, [225.0])
 
@@ -272,11 +284,9 @@ def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
     + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],
 )
 def test_what_a_train_lacks_cannot_be_changed(key, value, sentence):
-    burning = Combustion(heat=1e3, **BURNING)
-    table = trace(8e6)
     train = pair(
-        cylinder("one", combustion=burning),
-        cylinder("two", pressure=table),
+        cylinder("one", combustion=burning(heat=1e3)),
+        cylinder("two", pressure=trace(8e6)),
         Torque(disk="a", name="t"),
     )
     with pytest.raises(SceneError, match="scene") as caught:
@@ -295,34 +305,35 @@ def test_a_wiebe_cycle_comes_near_the_measured_gas_harmonics_of_a_v16():
     row = reference("excitation")["gas_tangential_pressure_harmonics"][0]
     area = np.pi / 4 * row["bore_m"] ** 2
     throw = row["crank_throw_m"]
-    mean = (
-        row["order0_as_plotted"] / 2 * 1e6
-    )  # plotted as harmonics are, twice the coefficient
-    fitted = {
-        "compression_ratio": 14.0,
-        "charge_pressure": 4.6e5,
-        "exhaust_pressure": 3e5,
-    }
-    fitted |= {"start": -2.5, "duration": 26.0, "shape": 4.0}
-    combustion = Combustion(imep=2 * np.pi * mean, **fitted)
-    sizes = {
-        "bore": row["bore_m"],
-        "stroke": 2 * throw,
-        "rod": throw / row["lambda"],
-        "reciprocating_mass": 0.0,
-    }
-    cylinder = Cylinder(disk="a", firing_angle=0.0, combustion=combustion, **sizes)
+    # Plotted as harmonics are, twice the coefficient.
+    mean = row["order0_as_plotted"] / 2 * 1e6
+    combustion = Combustion(
+        imep=2 * np.pi * mean,
+        compression_ratio=14.0,
+        charge_pressure=4.6e5,
+        exhaust_pressure=3e5,
+        start=-2.5,
+        duration=26.0,
+        shape=4.0,
+    )
+    cylinder = Cylinder(
+        disk="a",
+        firing_angle=0.0,
+        combustion=combustion,
+        bore=row["bore_m"],
+        stroke=2 * throw,
+        rod=throw / row["lambda"],
+        reciprocating_mass=0.0,
+    )
     torque, load, _ = excitation(
         build([Disk(name="a", inertia=1.0), cylinder, Load(disk="a")]), 1500.0, 19
     )
     np.testing.assert_allclose(-load[0] / (area * throw), mean, rtol=1e-9)
-    found = 2 * np.abs(torque[0]) / (area * throw) / 1e6
-    orders, wanted = np.array(row["order_ampMPa"]).T
-    left = np.abs(found[np.round(2 * orders).astype(int)] - wanted)
-    assert (
-        left.max() < 0.07 * wanted.max()
-        and left[orders >= 2].max() < 0.015 * wanted.max()
-    )
+    amplitudes = 2 * np.abs(torque[0]) / (area * throw) / 1e6
+    orders, expected = np.array(row["order_ampMPa"]).T
+    errors = np.abs(amplitudes[np.round(2 * orders).astype(int)] - expected)
+    assert errors.max() < 0.07 * expected.max()
+    assert errors[orders >= 2].max() < 0.015 * expected.max()
 
 
 def slopes_agree(train, numbers, rpm):
@@ -339,18 +350,12 @@ def slopes_agree(train, numbers, rpm):
     @jax.jit
     @jax.value_and_grad
     def size(step):
-        changed = train.replace(
-            {
-                name: train.value(name) + step * along
-                for name, along in direction.items()
-            }
-        )
-        torque, load, _ = excitation(changed, rpm, 16)
-        return (
-            jnp.sum((torque * weight).real)
-            + 1e-3 * jnp.sum(jnp.abs(torque) ** 2)
-            + load[0]
-        )
+        values = {
+            name: train.value(name) + step * along for name, along in direction.items()
+        }
+        torque, load, _ = excitation(train.replace(values), rpm, 16)
+        linear = jnp.sum((torque * weight).real)
+        return linear + 1e-3 * jnp.sum(jnp.abs(torque) ** 2) + load[0]
 
     (below, _), (_, slope), (above, _) = size(-1.0), size(0.0), size(1.0)
     np.testing.assert_allclose(slope, (above - below) / 2, rtol=GRADIENT)
@@ -358,19 +363,14 @@ def slopes_agree(train, numbers, rpm):
 
 def test_derivatives_to_the_numbers_of_a_combustion():
     steps = {
-        "compression_ratio": 1e-3,
-        "charge_pressure": 20.0,
-        "exhaust_pressure": 20.0,
-        "start": 1e-3,
-    }
-    steps |= {
-        "duration": 1e-2,
-        "shape": 1e-4,
-        "compression_exponent": 1e-5,
-        "expansion_exponent": 1e-5,
-    }
-    steps = {f"combustion.{name}": step for name, step in steps.items()}
-    steps |= {
+        "combustion.compression_ratio": 1e-3,
+        "combustion.charge_pressure": 20.0,
+        "combustion.exhaust_pressure": 20.0,
+        "combustion.start": 1e-3,
+        "combustion.duration": 1e-2,
+        "combustion.shape": 1e-4,
+        "combustion.compression_exponent": 1e-5,
+        "combustion.expansion_exponent": 1e-5,
         "gas_factor": 1e-4,
         "load_share": 1e-4,
         "bore": 1e-5,
@@ -378,14 +378,14 @@ def test_derivatives_to_the_numbers_of_a_combustion():
         "rod": 1e-5,
     }
     numbers = {"heat.combustion.heat": 0.2, "imep.combustion.imep": 100.0}
-    parts = []
-    for kind, value in (("heat", 2000.0), ("imep", 1e6)):
+    for kind in ("heat", "imep"):
         numbers |= {f"{kind}.{name}": step for name, step in steps.items()}
-        burning = Combustion(**{kind: value}, **BURNING)
-        parts.append(
-            cylinder(kind, combustion=burning, load=[(600.0, 0.3), (2000.0, 1.0)])
-        )
-    slopes_agree(pair(*parts), numbers, 1330.0)
+    load = [(600.0, 0.3), (2000.0, 1.0)]
+    train = pair(
+        cylinder("heat", combustion=burning(heat=2000.0), load=load),
+        cylinder("imep", combustion=burning(imep=1e6), load=load),
+    )
+    slopes_agree(train, numbers, 1330.0)
 
 
 def test_derivatives_to_speeds_and_loads_of_traces():
@@ -396,8 +396,8 @@ def test_derivatives_to_speeds_and_loads_of_traces():
         "c.traces.load": 1e-4,
         "c.load_share": 1e-4,
         "c.load_rpm": 1e-1,
+        "c.traces.pressure": 1e2,
     }
-    numbers["c.traces.pressure"] = 1e2
     slopes_agree(train, numbers, 1330.0)
 
 
@@ -412,7 +412,7 @@ def test_derivatives_to_pulsations_speed_laws_and_given_cylinders():
         speed_exponent=2.5,
     )
     scale = [(1000.0, 0.5), (2000.0, 1.0)]
-    given = cylinder(
+    source = cylinder(
         gas_torque_mean=100.0,
         gas_torque=[(0.5, 3.0, 4.0)],
         scale=scale,
@@ -423,32 +423,28 @@ def test_derivatives_to_pulsations_speed_laws_and_given_cylinders():
         "t.rated_rpm": 1e-1,
         "t.speed_exponent": 1e-4,
         "t.mean": 1e-2,
-    }
-    numbers |= {
         "c.reciprocating_mass": 1e-4,
         "c.firing_angle": 1e-3,
         "c.gas_torque": 1e-4,
         "c.scale_factor": 1e-5,
     }
-    slopes_agree(pair(load, law, given), numbers, 1330.0)
+    slopes_agree(pair(load, law, source), numbers, 1330.0)
 
 
 def test_the_program_does_not_grow_with_the_number_of_cylinders():
     def operations(count):
-        burning = Combustion(heat=2000.0, **BURNING)
+        combustion = burning(heat=2000.0)
         parts = [cylinder(f"c{k}", traces=traces(1000.0, 2000.0)) for k in range(count)]
         parts += [
-            cylinder(f"b{k}", combustion=burning, gas_factor=0.9) for k in range(count)
+            cylinder(f"b{k}", combustion=combustion, gas_factor=0.9)
+            for k in range(count)
         ]
-        train = pair(
-            *parts,
-            *(
-                cylinder(f"p{k}", pressure=trace(8e6), firing_angle=90.0 * k)
-                for k in range(count)
-            ),
-        )
-        return str(
-            jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)
-        ).count(" = ")
+        parts += [
+            cylinder(f"p{k}", pressure=trace(8e6), firing_angle=90.0 * k)
+            for k in range(count)
+        ]
+        train = pair(*parts)
+        program = jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)
+        return str(program).count(" = ")
 
     assert operations(6) == operations(2)

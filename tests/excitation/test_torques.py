@@ -22,8 +22,19 @@ from jaxhb.excitation.torques import (
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
 
-CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
 TRACE = [(0.0, 1e5), (300.0, 2e6), (370.0, 1e7), (500.0, 4e5), (720.0, 1e5)]
+
+
+def cylinder(name=None, **source):
+    return Cylinder(
+        disk="a",
+        name=name,
+        bore=0.1,
+        stroke=0.12,
+        rod=0.2,
+        reciprocating_mass=2.0,
+        **source,
+    )
 
 
 def harmonics(torque):
@@ -54,84 +65,79 @@ def test_slider_crank_derivatives_are_those_of_automatic_differentiation():
 
 def test_inertia_torque_has_the_exact_sine_coefficients():
     for row in reference("excitation")["inertia_torque_crank_slider"]["rows"]:
-        found = harmonics(inertia_torque(2.0, 1.0 / row["lambda"]))
-        wanted = [row["sin_coeff_exact"][str(k)] for k in range(1, 9)]
-        np.testing.assert_allclose(-2 * found[1:9].imag, wanted, atol=1e-12)
-        np.testing.assert_allclose(found.real, 0.0, atol=1e-14)
+        torque = harmonics(inertia_torque(2.0, 1.0 / row["lambda"]))
+        expected = [row["sin_coeff_exact"][str(k)] for k in range(1, 9)]
+        np.testing.assert_allclose(-2 * torque[1:9].imag, expected, atol=1e-12)
+        np.testing.assert_allclose(torque.real, 0.0, atol=1e-14)
 
 
 def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
     table = reference("six_cylinder_diesel_2008")["pressure_deg_MPa_at_15.2_peak"]
     row = reference("excitation")["gas_tangential_pressure_harmonics"][1]
-    found = harmonics(
+    torque = harmonics(
         gas_torque(gas_cycle(table, 0.0), 0.105, 0.137, 0.207, revolutions=2)
     )
-    found = found / (np.pi / 4 * 0.105**2 * 0.137 / 2)
-    np.testing.assert_allclose(found[0].real, row["mean_MPa"], rtol=1e-12)
-    wanted = np.array([c[1] + 1j * c[2] for c in row["order_re_im_amp_MPa"]])
-    np.testing.assert_allclose(2 * found[1:25], wanted, atol=1e-12)
+    pressure = torque / (np.pi / 4 * 0.105**2 * 0.137 / 2)
+    np.testing.assert_allclose(pressure[0].real, row["mean_MPa"], rtol=1e-12)
+    expected = np.array([c[1] + 1j * c[2] for c in row["order_re_im_amp_MPa"]])
+    np.testing.assert_allclose(2 * pressure[1:25], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("ambient", [0.0, 101325.0])
 def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     rpm = 1500.0
     alpha = 130.0
-    scale = [(1000.0, 0.5), (2000.0, 1.0)]
-    more = {
-        "firing_angle": alpha,
-        "ambient_pressure": ambient,
-        "scale": scale,
-        "orders": 400.0,
-    }
-    cylinder = Cylinder(disk="a", **CRANK, pressure=TRACE, **more)
-    torque, _, _ = excitation(pair(cylinder), rpm, 800)
+    fired = cylinder(
+        pressure=TRACE,
+        firing_angle=alpha,
+        ambient_pressure=ambient,
+        scale=[(1000.0, 0.5), (2000.0, 1.0)],
+        orders=400.0,
+    )
+    torque, _, _ = excitation(pair(fired), rpm, 800)
     theta = np.linspace(0.0, 4 * np.pi, 97)
-    own = theta - np.deg2rad(alpha)
-    table = np.array(TRACE)
-    pressure = np.interp(np.mod(np.rad2deg(own) + 360.0, 720.0), *table.T)
-    _, x1, x2 = slider_crank(own, 0.12, 0.2)
+    crank = theta - np.deg2rad(alpha)
+    angles, pressures = np.array(TRACE).T
+    pressure = np.interp(np.mod(np.rad2deg(crank) + 360.0, 720.0), angles, pressures)
+    _, x1, x2 = slider_crank(crank, 0.12, 0.2)
     gas = (0.75 * pressure - ambient) * np.pi / 4 * 0.1**2 * x1
-    wanted = gas - 2.0 * x1 * x2 * (2 * np.pi * rpm / 60) ** 2
+    expected = gas - 2.0 * x1 * x2 * (2 * np.pi * rpm / 60) ** 2
     np.testing.assert_allclose(
-        synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max()
+        synthesis(torque[0], theta / 2), expected, atol=5e-4 * np.abs(expected).max()
     )
 
 
 def test_a_cylinder_that_is_cut_off_has_no_gas_torque_but_its_inertia_torque():
-    fire = Cylinder(disk="a", name="c", **CRANK, pressure=TRACE)
-    given = Cylinder(
-        disk="a", name="c", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)]
-    )
-    for cylinder, silent in (
-        (fire, pair(fire).cut_off("c")),
-        (given, pair(given).misfire("c")),
+    table = pair(cylinder("c", pressure=TRACE))
+    listed = pair(cylinder("c", gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)]))
+    for fired, silent in (
+        (table, table.cut_off("c")),
+        (listed, listed.misfire("c")),
     ):
         torque = np.asarray(excitation(silent, 3000.0, 8)[0])[0]
         inertia = harmonics(inertia_torque(0.12, 0.2)) * 2.0 * (100 * np.pi) ** 2
         np.testing.assert_allclose(torque[2::2], inertia[1:5], rtol=1e-12)
         assert np.all(np.abs(torque[[0, 1, 3, 5, 7]]) < 1e-9)
-        assert abs(excitation(pair(cylinder), 3000.0, 8)[0][0, 0]) > 1.0
+        assert abs(excitation(fired, 3000.0, 8)[0][0, 0]) > 1.0
 
 
 def test_a_two_stroke_table_repeats_every_revolution():
     trace = [(-180.0, 1e5), (0.0, 8e6), (20.0, 6e6), (180.0, 1e5)]
-    train = pair(Cylinder(disk="a", **CRANK, pressure=trace), revolutions_per_cycle=2)
+    train = pair(cylinder(pressure=trace), revolutions_per_cycle=2)
     torque = np.abs(np.asarray(excitation(train, 0.0, 12)[0])[0])
-    assert (
-        torque[0] > 1.0 and np.all(torque[1::2] == 0.0) and np.all(torque[2::2] > 0.0)
-    )
+    assert torque[0] > 1.0
+    assert np.all(torque[1::2] == 0.0)
+    assert np.all(torque[2::2] > 0.0)
     assert train.topology.cylinder_step == (2,)
 
 
 def test_table_firing_tdc_turns_the_trace():
     early = [(angle - 360.0, p) for angle, p in TRACE]
-    one = excitation(pair(Cylinder(disk="a", **CRANK, pressure=TRACE)), 1000.0, 24)[0]
-    two = excitation(
-        pair(Cylinder(disk="a", **CRANK, pressure=early, table_firing_tdc=0.0)),
-        1000.0,
-        24,
-    )[0]
-    np.testing.assert_allclose(one, two, atol=1e-9)
+    plain = pair(cylinder(pressure=TRACE))
+    turned = pair(cylinder(pressure=early, table_firing_tdc=0.0))
+    np.testing.assert_allclose(
+        excitation(plain, 1000.0, 24)[0], excitation(turned, 1000.0, 24)[0], atol=1e-9
+    )
 
 
 def test_scale_multiplies_given_torques_linearly_between_speeds():
@@ -149,33 +155,30 @@ def test_scale_multiplies_given_torques_linearly_between_speeds():
         (200.0, 1.0),
         (900.0, 1.0),
     ):
-        found = np.asarray(excitation(train, rpm, 2)[0])[0]
+        scaled = np.asarray(excitation(train, rpm, 2)[0])[0]
         np.testing.assert_allclose(
-            found, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14
+            scaled, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14
         )
 
 
 def test_mean_torque_of_the_excitation_is_that_of_the_host():
-    scale = [(1000.0, 0.5), (2000.0, 1.0)]
-    parts = [
+    train = pair(
         Torque(disk="a", mean=10.0, scale=[(500.0, 0.0), (1500.0, 1.0)]),
-        Cylinder(
-            disk="a",
-            name="one",
-            **CRANK,
+        cylinder(
+            "one",
             pressure=TRACE,
             ambient_pressure=1e5,
-            scale=scale,
+            scale=[(1000.0, 0.5), (2000.0, 1.0)],
         ),
-        Cylinder(disk="a", name="two", **CRANK, gas_torque_mean=30.0),
-        Cylinder(disk="a", name="idle", **CRANK, gas_torque_mean=50.0, fires=False),
-    ]
-    train = pair(*parts)
+        cylinder("two", gas_torque_mean=30.0),
+        cylinder("idle", gas_torque_mean=50.0, fires=False),
+    )
     speeds = np.array([800.0, 1700.0])
     means = mean_torques(
         train.torques, train.cylinders, train.topology.gas_cycles, speeds
     )
-    assert isinstance(means, np.ndarray) and means.shape == (2, 4)
+    assert isinstance(means, np.ndarray)
+    assert means.shape == (2, 4)
     np.testing.assert_allclose(
         means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14
     )
@@ -189,14 +192,14 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),
     Disk(name="b", inertia=1.0, radius=0.2),
+    Mesh(between=("a", "b"), stiffness=1e8),
 ]
-GEARS += [Mesh(between=("a", "b"), stiffness=1e8)]
 
 
 def test_orders_of_an_own_rotor_are_led_to_the_reference():
-    given = Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own")
+    source = Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own")
     train = build(
-        [*GEARS, Load(disk="a"), given], reference="a", revolutions_per_cycle=2
+        [*GEARS, Load(disk="a"), source], reference="a", revolutions_per_cycle=2
     )
     assert train.topology.torque_harmonics == ((3,),)
     torque, load, _ = excitation(train, 600.0, 4)
@@ -230,11 +233,8 @@ def test_harmonics_above_the_asked_number_are_dropped():
 def test_highest_harmonic_leaves_out_what_has_no_amplitude():
     rows = [(1.0, 1.0, 0.0), (3.5, 0.0, 2.0), (6.0, 0.0, 0.0)]
     assert highest_harmonic(pair(Torque(disk="a", harmonics=rows))) == 7
-    assert highest_harmonic(pair(Cylinder(disk="a", **CRANK, fires=False))) == 12
-    assert (
-        highest_harmonic(pair(Cylinder(disk="a", **CRANK, pressure=TRACE, orders=9.0)))
-        == 18
-    )
+    assert highest_harmonic(pair(cylinder(fires=False))) == 12
+    assert highest_harmonic(pair(cylinder(pressure=TRACE, orders=9.0))) == 18
 
 
 def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
@@ -243,22 +243,19 @@ def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
         Torque(disk="a", name="t", harmonics=[(1.0, 1.0, 0.0), (20.0, 0.0, 0.0)])
     )
     assert (highest_harmonic(bare), listed_harmonic(bare.topology)) == (2, 40)
-    assert (
-        highest_harmonic(bare.replace({"t.harmonics": [[0.0, 0.0], [1.0, 0.0]]})) == 40
-    )
-    crank = pair(Cylinder(disk="a", name="c", **CRANK, pressure=TRACE, orders=9.0))
-    assert (
-        listed_harmonic(crank.topology)
-        == listed_harmonic(crank.misfire("c").topology)
-        == 18
-    )
-    given = pair(
+    raised = bare.replace({"t.harmonics": [[0.0, 0.0], [1.0, 0.0]]})
+    assert highest_harmonic(raised) == 40
+    crank = pair(cylinder("c", pressure=TRACE, orders=9.0))
+    assert listed_harmonic(crank.topology) == 18
+    assert listed_harmonic(crank.misfire("c").topology) == 18
+    listed = pair(
         Cylinder(disk="a", name="c", gas_torque=[(15.5, 1.0, 0.0)], fires=False)
     )
-    assert listed_harmonic(given.topology) == 31
+    assert listed_harmonic(listed.topology) == 31
     assert listed_harmonic(pair().topology) == 1
     torque = excitation(crank, 1000.0, 40)[0]
-    assert np.all(torque[:, 19:] == 0.0) and np.any(torque[:, 18] != 0.0)
+    assert np.all(torque[:, 19:] == 0.0)
+    assert np.any(torque[:, 18] != 0.0)
 
 
 def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to():
@@ -267,33 +264,31 @@ def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to(
     stroke = np.array(train.cylinders.stroke)
 
     def with_stroke(values):
-        held = dataclasses.replace(
-            train, cylinders=dataclasses.replace(train.cylinders, stroke=values)
-        )
-        return held, excitation(held, 1800.0, 24)[0]
+        cylinders = dataclasses.replace(train.cylinders, stroke=values)
+        changed = dataclasses.replace(train, cylinders=cylinders)
+        return changed, excitation(changed, 1800.0, 24)[0]
 
-    held, before = with_stroke(stroke)
+    changed, before = with_stroke(stroke)
     stroke *= 1.5
-    after = excitation(held, 1800.0, 24)[0]
+    after = excitation(changed, 1800.0, 24)[0]
     np.testing.assert_array_equal(after, with_stroke(stroke.copy())[1])
     assert np.abs(after - before).max() > 100.0  # N m
 
 
 def test_an_excitation_is_kept_for_its_numbers_alone():
-    """Also where numbers are written into the arrays of a train; what is kept nobody
-    can write to.
+    """Also where numbers are written into the arrays of a train; nobody can write to a
+    result that is kept.
     """
     train = load_scene("gear_train_30")
     amplitudes = np.array(train.torques.harmonics)
-    own = dataclasses.replace(
-        train, torques=dataclasses.replace(train.torques, harmonics=amplitudes)
-    )
-    first, load, _ = excitation(own, 1800.0, 24)
+    torques = dataclasses.replace(train.torques, harmonics=amplitudes)
+    writable = dataclasses.replace(train, torques=torques)
+    first, load, _ = excitation(writable, 1800.0, 24)
     assert excitation(train, 1800, 24)[0] is first
     assert not (first.flags.writeable or load.flags.writeable)
     amplitudes *= 2.0
-    changed, *_ = excitation(own, 1800.0, 24)
-    doubled = np.asarray(jax.jit(excitation, static_argnums=2)(own, 1800.0, 24)[0])
+    changed, *_ = excitation(writable, 1800.0, 24)
+    doubled = np.asarray(jax.jit(excitation, static_argnums=2)(writable, 1800.0, 24)[0])
     np.testing.assert_allclose(
         changed, doubled, rtol=1e-12, atol=1e-9 * np.abs(doubled).max()
     )

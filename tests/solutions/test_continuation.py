@@ -57,18 +57,23 @@ def late(x):
     [(s_curve, -1.2, {2}), (zigzag, 0.1, {2}), (late, 0.0, {2, 3, 4})],
 )
 def test_a_curve_is_followed_to_its_end_through_folds_and_corners(share, start, folds):
-    found = follow(share, start)
-    assert found.arrived and found.folds in folds
+    curve = follow(share, start)
+    assert curve.arrived
+    assert curve.folds in folds
     np.testing.assert_allclose(
-        [share(found.y[0]), found.y[1]], 1.0, atol=20 * continuation.STEP_CONTROL.closed
+        [share(curve.y[0]), curve.y[1]], 1.0, atol=20 * continuation.STEP_CONTROL.closed
     )
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():
-    found = follow(lambda x: 0.5 * jnp.sin(x), 0.1, most=90)
-    assert not found.arrived and found.jacobians == 90 and found.folds > 3
+    curve = follow(lambda x: 0.5 * jnp.sin(x), 0.1, most=90)
+    assert not curve.arrived
+    assert curve.jacobians == 90
+    assert curve.folds > 3
 
 
 def test_a_start_from_which_no_motion_is_found_ends_at_once():
-    found = follow(lambda x: jnp.sqrt(x), -1.0)
-    assert not found.arrived and found.steps == 0 and found.jacobians == 1
+    curve = follow(lambda x: jnp.sqrt(x), -1.0)
+    assert not curve.arrived
+    assert curve.steps == 0
+    assert curve.jacobians == 1

@@ -19,23 +19,26 @@ first, second = devices = jax.devices()
 train = trains.pair_train(trains.Pair(1.0), transition=1e-3)
 rpm = np.linspace(0.4, 1.2, 7) * trains.ONE_RADIAN_PER_SECOND
 
-one = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24)
-two = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24, devices=devices)
-assert (one.status == two.status).all() and one.converged.any()
-good = one.converged
-scale = np.abs(one.deflections[good]).max()
-assert np.abs(one.deflections - two.deflections)[good].max() <= 1e-10 * scale
+single = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24)
+spread = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24, devices=devices)
+assert (single.status == spread.status).all()
+assert single.converged.any()
+good = single.converged
+scale = np.abs(single.deflections[good]).max()
+assert np.abs(single.deflections - spread.deflections)[good].max() <= 1e-10 * scale
 
-# A march ends where its motion returns within 5e-5, and a transient that is irregular enlarges rounding up to there. An
-# irregular motion enlarges rounding until nothing is left of it.
-given = {"rpm": rpm, "harmonics": 64, "exact": False}
-one, two = jaxhb.steady_state(train, **given), jaxhb.steady_state(train, **given, devices=devices)
-assert (one.kind == two.kind).all() and (one.period == two.period).all()
-for a, b in zip(one, two):
+# A march ends where its motion returns within 5e-5, and a transient that is irregular
+# enlarges rounding up to there. An irregular motion enlarges rounding until nothing is
+# left of it.
+single = jaxhb.steady_state(train, rpm=rpm, harmonics=64, exact=False)
+spread = jaxhb.steady_state(train, rpm=rpm, harmonics=64, exact=False, devices=devices)
+assert (single.kind == spread.kind).all()
+assert (single.period == spread.period).all()
+for a, b in zip(single, spread):
     if a.kind != "irregular":
-        peaks = [float(s.force("a", "b").max) for s in (a, b)]
+        peaks = [float(state.force("a", "b").max) for state in (a, b)]
         assert abs(peaks[0] / peaks[1] - 1) < 1e-4, (a.rpm, a.kind, peaks)
-assert {"periodic", "subharmonic"} <= set(one.kind)
+assert {"periodic", "subharmonic"} <= set(single.kind)
 
 double = _program.Program(lambda x: 2.0 * x)
 
@@ -44,9 +47,11 @@ def place(size=3):
 
 assert place() == first
 with jax.default_device(second):
-    assert place() == second and place(4) == second
+    assert place() == second
+    assert place(4) == second
     assert double.compile_ahead(np.ones(5)) is None
-assert place(4) == first and place() == first
+assert place(4) == first
+assert place() == first
 jax.config.update("jax_default_device", second)
 assert place() == second
 for same in (first, "cpu"):
@@ -57,15 +62,14 @@ print("all hold")
 
 
 def test_two_devices_give_what_one_gives_and_programs_run_on_the_default_one():
-    flags = (
-        os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
-    )
+    flags = os.environ.get("XLA_FLAGS", "")
     here = str(Path(__file__).parents[1])
     environment = os.environ | {
-        "XLA_FLAGS": flags,
+        "XLA_FLAGS": flags + " --xla_force_host_platform_device_count=2",
         "PYTHONPATH": os.pathsep.join([here, *sys.path]),
     }
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-c", SHARED], capture_output=True, text=True, env=environment
     )
-    assert done.returncode == 0 and "all hold" in done.stdout, done.stderr[-3000:]
+    assert completed.returncode == 0, completed.stderr[-3000:]
+    assert "all hold" in completed.stdout, completed.stderr[-3000:]

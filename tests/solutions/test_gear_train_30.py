@@ -39,22 +39,18 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(
     assert np.allclose(apart, row["separated_percent"], rtol=0.01, atol=0.05)
     assert response.load_kW == pytest.approx(row["load_kW"], abs=0.05)
     straight = jaxhb.linear_response(train, rpm=float(rpm))
-    moments = [r.gear_torque("crank gear").peak for r in (response, straight)]
+    moments = [motion.gear_torque("crank gear").peak for motion in (response, straight)]
     assert np.allclose(moments, row["gear_11_peak_moment_transmitted_Nm"], rtol=2e-3)
-    if (
-        rpm == 1800
-        # Several meshes hammer: multipliers are those of the dense equation, with
-        # Liouville's determinant
-    ):
+    # Several meshes hammer: multipliers are those of the dense equation, with
+    # Liouville's determinant.
+    if rpm == 1800:
         expected = dense_monodromy(response)
-        found = jaxhb.stability(response)
-        assert (
-            abs(np.expm1(expected.log_determinant - expected.trace)) < 1e-10
-            and abs(found.liouville) < 0.05
-        )
+        stability = jaxhb.stability(response)
+        assert abs(np.expm1(expected.log_determinant - expected.trace)) < 1e-10
+        assert abs(stability.liouville) < 0.05
         multipliers = np.linalg.eigvals(expected.matrix)
         for value in multipliers[np.argsort(-np.abs(multipliers))][:8]:
-            assert np.abs(found.multipliers - value).min() < 5e-5
+            assert np.abs(stability.multipliers - value).min() < 5e-5
 
 
 def test_tooth_forces_of_an_integration_in_time_are_those_of_the_reference(train):
@@ -101,14 +97,12 @@ def test_error_against_shooting_falls_with_the_harmonics(train):
 
 def test_a_misfire_is_felt_by_the_gears(train):
     """The once-per-cycle order grows, and the load takes less."""
-    normal, limping = (
-        jaxhb.solve(t, rpm=1200.0, harmonics=96)
-        for t in (train, train.misfire("cylinder A1"))
-    )
+    normal = jaxhb.solve(train, rpm=1200.0, harmonics=96)
+    misfiring = train.misfire("cylinder A1")
+    limping = jaxhb.solve(misfiring, rpm=1200.0, harmonics=96)
     assert limping.load_kW < normal.load_kW
-    assert limping.gear_torque("crank gear").order(0.5) > 2 * normal.gear_torque(
-        "crank gear"
-    ).order(0.5)
+    once_per_cycle = normal.gear_torque("crank gear").order(0.5)
+    assert limping.gear_torque("crank gear").order(0.5) > 2 * once_per_cycle
 
 
 @pytest.mark.oracle

@@ -35,12 +35,14 @@ def test_a_motion_that_repels_is_closed_from_far_away(pair):
     flank = pair.map.flank()
     plan = pair.map.plan
     visited = pair._march(flank)
-    assert np.nanmin(np.where(np.isfinite(visited[2]), visited[2], np.nan)) > 0
+    unclosed = np.where(np.isfinite(visited[2]), visited[2], np.nan)
+    assert np.nanmin(unclosed) > 0
     equation = pair.map.swept.sweeps
     point, missed, marches = map_newton.close_cycle(
         equation, flank, plan, tolerance=1e-8, most=40
     )
-    assert missed < 1e-8 and marches > 5
+    assert missed < 1e-8
+    assert marches > 5
     following = map_newton.close_cycle(equation, point, plan, tolerance=1e-6)
     assert following[2] == 1  # closed already
     repelled = jaxhb.stability(next(pair._from(pair.map, point, [])))
@@ -52,7 +54,8 @@ def test_a_motion_is_told_once(pair):
     settled = again.map.newton(pair.map.point_of(pair.found[0]))
     assert again.map.arrived(settled)
     assert len(list(again._taken(again.map, settled, []))) == 1
-    assert list(again._taken(again.map, settled, [])) == [] and again.idle == 1
+    assert list(again._taken(again.map, settled, [])) == []
+    assert again.idle == 1
 
 
 @pytest.mark.oracle
@@ -60,13 +63,15 @@ def test_motions_of_a_hammering_train_are_found_that_time_integration_confirms()
     """Twelve disks, two meshes: beside the motion to which the train comes there are
     others that repel.
     """
-    found = list(search_of(*hammering_train(48271211, 8)).motions())
-    assert len(found) > 1
-    for response in found:
+    train, rpm = hammering_train(48271211, 8)
+    responses = list(search_of(train, rpm).motions())
+    assert len(responses) > 1
+    for response in responses:
         judged = jaxhb.shooting_correction(response)
-        assert judged.orbit.settled and judged.error < 0.02
+        assert judged.orbit.settled
+        assert judged.error < 0.02
     apart = [
-        difference(one.deflections, other.deflections)
-        for one, other in itertools.combinations(found, 2)
+        difference(first.deflections, second.deflections)
+        for first, second in itertools.combinations(responses, 2)
     ]
     assert min(apart) > orbits.SAME

@@ -33,28 +33,28 @@ PLAN = Plan(
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
     orbit = next(shots.shoot(train, RPM, PLAN))
-    assert orbit.periodicity_error <= shots.PERIODIC and orbit.tries >= 1
+    assert orbit.periodicity_error <= shots.PERIODIC
+    assert orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
     assert response.converged
     open_for_ever = jaxhb.integrate(train, rpm=RPM, cycles=30)
     assert open_for_ever.periodicity_error > 100 * shots.PERIODIC
     harmonic = np.fft.irfft(np.asarray(response.deflections), n=1536, norm="forward")
     shot = np.fft.irfft(orbit.coefficients, n=1536, norm="forward")
-    assert (
-        np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()
-    )  # 1536 steps leave some percent
+    # 1536 steps leave some percent.
+    assert np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()
 
 
 def test_a_march_that_is_not_finite_gives_no_orbit():
-    assert (
-        list(shots.shoot(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN)) == []
-    )
+    train = jaxhb.load_scene("gear_train_30")
+    assert list(shots.shoot(train, float("nan"), PLAN)) == []
 
 
 def test_every_closed_orbit_is_found_once():
     """Three disks with hardly any mean load on two meshes: many unstable motions."""
     train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
-    assert facts["load"] < 0.1 and train.topology.n_disks == 3
+    assert facts["load"] < 0.1
+    assert train.topology.n_disks == 3
     plan = Plan(
         harmonics=384,
         active=(0, 1),
@@ -63,23 +63,24 @@ def test_every_closed_orbit_is_found_once():
         time_steps=1536,
         excited=20,
     )
-    found = list(itertools.islice(shots.shoot(train, rpm, plan), 6))
+    closed = list(itertools.islice(shots.shoot(train, rpm, plan), 6))
     motions = [
         np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward")
-        for orbit in found
+        for orbit in closed
     ]
-    assert all(orbit.periodicity_error <= shots.PERIODIC for orbit in found)
+    assert all(orbit.periodicity_error <= shots.PERIODIC for orbit in closed)
     apart = [
-        np.abs(one - other).max() / np.abs(one).max()
-        for one, other in itertools.combinations(motions, 2)
+        np.abs(first - second).max() / np.abs(first).max()
+        for first, second in itertools.combinations(motions, 2)
     ]
-    assert len(found) == 6 and min(apart) > shots.SAME
+    assert len(closed) == 6
+    assert min(apart) > shots.SAME
 
 
 @pytest.mark.parametrize(
     ("fewer", "more", "followed"), [(64, 96, False), (1536, 4096, True)]
 )
-def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_the_teeth_alike(
+def test_other_steps_compile_nothing_where_they_follow_the_modes_of_the_teeth_alike(
     fewer, more, followed
 ):
     """March and shot have two programs: where modes are too fast for the steps, these
@@ -89,16 +90,11 @@ def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_
     compiled = []
     for time_steps in (fewer, more):
         plan = dataclasses.replace(PLAN, time_steps=time_steps)
-        assert (
-            shots.reduced_stepper(train, RPM, plan).residual_flexibility is None
-        ) == followed
+        stepper = shots.reduced_stepper(train, RPM, plan)
+        assert (stepper.residual_flexibility is None) == followed
         list(shots.shoot(train, RPM, plan, work=0.0))
-        compiled.append(
-            [
-                executables(program)
-                for program in (shots._equations, shots._visited, shots._shot)
-            ]
-        )
+        programs = (shots._equations, shots._visited, shots._shot)
+        compiled.append([executables(program) for program in programs])
     assert compiled[0] == compiled[1]
 
 
@@ -137,22 +133,17 @@ def test_modes_too_fast_for_the_steps_answer_statically():
         reduced, _ = reduced_equation(problem, plan.harmonics, active_meshes)
         return relative_residual(reduced, reduced.residual(coefficients, plan.samples))
 
-    problem, left = problem_at(train, rpm, plan.excited), []
+    problem = problem_at(train, rpm, plan.excited)
+    residuals = []
     for flexibility in (stepper.residual_flexibility, None):
-        shot = shots._shot(
-            dataclasses.replace(stepper, residual_flexibility=flexibility),
-            stepper.flank_state,
-        )
+        changed = dataclasses.replace(stepper, residual_flexibility=flexibility)
+        shot = shots._shot(changed, stepper.flank_state)
         deflection, periodicity_error = map(np.asarray, shot)
         assert periodicity_error <= shots.PERIODIC
         coefficients = shots.coefficients(deflection, plan.time_steps)
-        left.append(
-            float(
-                left_over(
-                    problem, plan.active_meshes, coefficients[:, : plan.harmonics + 1]
-                )
-            )
-        )
+        coefficients = coefficients[:, : plan.harmonics + 1]
+        residual = left_over(problem, plan.active_meshes, coefficients)
+        residuals.append(float(residual))
     motion = deflection[0, : plan.time_steps]
     assert motion.min() < 0 < motion.max()
-    assert left[0] < 1e-4 < 1e-2 < left[1]
+    assert residuals[0] < 1e-4 < 1e-2 < residuals[1]

@@ -15,44 +15,38 @@ from jaxhb.design.quantities import Objective, Parameter
 from jaxhb.equations import fourier
 from jaxhb.solutions import planning
 
-STIFFNESS, DAMPING, SMOOTH = (
-    200.0,
-    0.4,
-    0.04,
-)  # N m/rad, N m s/rad; half the width of a stage over its twist
+STIFFNESS = 200.0  # N m/rad
+DAMPING = 0.4  # N m s/rad
+SMOOTH = 0.04  # half the width of a stage over its twist
 RPM = 700.0
 STAGED = {"stages": [(2.0, 800.0), (5.0, 3000.0)]}
 MIXED = {
     "clearance": 1.0,
     "stages": [(3.0, 1000.0)],
     "stops": [(-5.0, 3000.0), (6.0, 5000.0)],
+    "friction": 3.0,
+    "slip_speed": 2.0,
 }
-MIXED |= {"friction": 3.0, "slip_speed": 2.0}
 
 
-def clutch(mean=20.0, **more):
+def clutch(mean=20.0, **springs):
     """An engine that drives a gear through a clutch disc."""
     parts = [
         jaxhb.Disk(name="engine", inertia=0.2, damping=0.3),
         jaxhb.Disk(name="gear", inertia=0.05, damping=0.5),
-    ]
-    parts += [
         jaxhb.Shaft(
             between=("engine", "gear"),
             stiffness=STIFFNESS,
             damping=DAMPING,
             name="disc",
-            **more,
-        )
-    ]
-    parts += [
+            **springs,
+        ),
         jaxhb.Torque(
             disk="engine", mean=mean, harmonics=[(2.0, 120.0, 30.0), (4.0, 20.0, 0.0)]
-        )
+        ),
+        jaxhb.Load(disk="gear"),
     ]
-    return jaxhb.build(
-        [*parts, jaxhb.Load(disk="gear")], reference="engine", revolutions_per_cycle=1
-    )
+    return jaxhb.build(parts, reference="engine", revolutions_per_cycle=1)
 
 
 def knee(x, at):
@@ -69,35 +63,34 @@ def torque_of(
 ):
     """Torque of the clutch disc in N m."""
     play = np.deg2rad(clearance) / 2
-    found = STIFFNESS * (
+    torque = STIFFNESS * (
         1e-3 * twist + 0.999 * np.sign(twist) * knee(np.abs(twist), play)
         if play
         else twist
     )
     before = STIFFNESS
     for at, stiffness in stages:
-        found = found + (stiffness - before) * np.sign(twist) * knee(
+        torque = torque + (stiffness - before) * np.sign(twist) * knee(
             np.abs(twist), np.deg2rad(at)
         )
         before = stiffness
     for at, stiffness in stops:
-        found = found + np.sign(at) * stiffness * knee(
+        torque = torque + np.sign(at) * stiffness * knee(
             np.sign(at) * twist, np.deg2rad(abs(at))
         )
-    return found + DAMPING * rate + friction * np.clip(rate / slip_speed, -1, 1)
+    return torque + DAMPING * rate + friction * np.clip(rate / slip_speed, -1, 1)
 
 
-def integrated(response, rpm, more, mean=20.0):
+def integrated(response, rpm, springs, mean=20.0):
     """Twist and its rate ``(2, 513)`` over a cycle from the state of a response."""
-    omega, n = 2 * np.pi * rpm / 60, np.arange(response.harmonics + 1)
+    omega = 2 * np.pi * rpm / 60
+    n = np.arange(response.harmonics + 1)
 
     def fall(t, y):
         (a, b), (a_rate, b_rate) = y.reshape(2, 2)
-        torque = torque_of(a - b, a_rate - b_rate, **more)
-        driven = (
-            mean
-            + ((120 + 30j) * np.exp(2j * omega * t) + 20 * np.exp(4j * omega * t)).real
-        )
+        torque = torque_of(a - b, a_rate - b_rate, **springs)
+        waves = (120 + 30j) * np.exp(2j * omega * t) + 20 * np.exp(4j * omega * t)
+        driven = mean + waves.real
         return [
             a_rate,
             b_rate,
@@ -117,27 +110,26 @@ def integrated(response, rpm, more, mean=20.0):
 
 
 @pytest.mark.parametrize(
-    "more", [STAGED, {"stops": [(4.0, 2000.0)]}, {"clearance": 3.0}, MIXED]
+    "springs", [STAGED, {"stops": [(4.0, 2000.0)]}, {"clearance": 3.0}, MIXED]
 )
-def test_motion_and_torque_follow_the_equations(more):
-    mean = 2.0 if "clearance" in more else 20.0  # it goes through the play
-    train = clutch(mean, **more)
+def test_motion_and_torque_follow_the_equations(springs):
+    mean = 2.0 if "clearance" in springs else 20.0  # it goes through the play
+    train = clutch(mean, **springs)
     response = jaxhb.solve(train, rpm=RPM, tolerance=1e-3)
     assert response
-    twist, rate = integrated(response, RPM, more, mean)
+    twist, rate = integrated(response, RPM, springs, mean)
     size = np.ptp(twist)
-    found = fourier.sample(np.asarray(response.angles[0] - response.angles[1]), 512)
-    np.testing.assert_allclose(found, twist[:-1], rtol=0, atol=1e-3 * size)
+    sampled = fourier.sample(np.asarray(response.angles[0] - response.angles[1]), 512)
+    np.testing.assert_allclose(sampled, twist[:-1], rtol=0, atol=1e-3 * size)
     np.testing.assert_allclose(twist[-1], twist[0], rtol=0, atol=1e-3 * size)
     torque = response.torque("disc")
-    wanted = torque_of(twist, rate, **more)
-    ends = [wanted.max(), wanted.min()]
+    expected = torque_of(twist, rate, **springs)
+    ends = [expected.max(), expected.min()]
     np.testing.assert_allclose(
-        [torque.max, torque.min], ends, rtol=0, atol=4e-3 * np.ptp(wanted)
+        [torque.max, torque.min], ends, rtol=0, atol=4e-3 * np.ptp(expected)
     )
-    heat = DAMPING * rate**2 + more.get("friction", 0.0) * rate * np.clip(
-        rate / more.get("slip_speed", 0.1), -1, 1
-    )
+    sliding = np.clip(rate / springs.get("slip_speed", 0.1), -1, 1)
+    heat = DAMPING * rate**2 + springs.get("friction", 0.0) * rate * sliding
     assert float(response.power("disc")) == pytest.approx(heat[:-1].mean(), rel=5e-3)
     assert jaxhb.stability(response).stable
 
@@ -173,11 +165,9 @@ def test_gradients_are_those_of_differences():
     @jax.jit
     @jax.value_and_grad
     def torque(values):
-        return (
-            jaxhb.solve(train.replace(values), rpm=RPM, plan=plan, start=start)
-            .torques[0, 2]
-            .real
-        )
+        changed = train.replace(values)
+        response = jaxhb.solve(changed, rpm=RPM, plan=plan, start=start)
+        return response.torques[0, 2].real
 
     values = {name: np.asarray(train.value(name)) for name in names}
     _, gradients = torque(values)
@@ -188,9 +178,8 @@ def test_gradients_are_those_of_differences():
             float(torque(values | {name: value + k * step * direction})[0])
             for k in (-2, -1, 1, 2)
         ]
-        assert slope == pytest.approx(
-            (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step), rel=GRADIENT
-        )
+        expected = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
+        assert slope == pytest.approx(expected, rel=GRADIENT)
 
 
 def test_what_is_not_served_is_refused():
@@ -211,21 +200,23 @@ def test_what_is_not_served_is_refused():
 def test_a_clutch_is_tuned_and_checked_by_marches():
     train = clutch(**STAGED)
     rpm = np.linspace(500.0, 1200.0, 4)
-    given = [("stiffness", 50.0, 400.0), ("damping", 0.1, 4.0)]
     parameters = [
-        Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given
+        Parameter(name="disc.stiffness", low=50.0, high=400.0),
+        Parameter(name="disc.damping", low=0.1, high=4.0),
     ]
     objective = Objective(quantity="shaft torque", of="disc")
-    found = jaxhb.tune(
+    tuned = jaxhb.tune(
         train, parameters=parameters, rpm=rpm, objective=objective, steps=6
     )
-    before, after = (jaxhb.steady_state(one, rpm=rpm) for one in (train, found.train))
-    worst = [
-        max(state.torque("disc").half_peak_to_peak for state in sweep)
-        for sweep in (before, after)
+
+    def largest(train):
+        sweep = jaxhb.steady_state(train, rpm=rpm)
+        return max(state.torque("disc").half_peak_to_peak for state in sweep)
+
+    marched = [largest(train), largest(tuned.train)]
+    readings = [
+        sweep.readings["shaft torque of disc"].max()
+        for sweep in (tuned.before, tuned.after)
     ]
-    told = [
-        r.readings["shaft torque of disc"].max() for r in (found.before, found.after)
-    ]
-    np.testing.assert_allclose(worst, told, rtol=0.02)
-    assert worst[1] < 0.5 * worst[0]
+    np.testing.assert_allclose(marched, readings, rtol=0.02)
+    assert marched[1] < 0.5 * marched[0]

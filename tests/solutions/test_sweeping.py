@@ -38,12 +38,13 @@ def swept(train):
     return sweeping.swept_train(train, plan, request)
 
 
-def force_difference(one, other):
+def force_difference(response, reference):
     """Largest difference of the tooth forces of two responses, over the largest
     force.
     """
-    one, other = (r.force("crank gear", "idler").samples(2**15) for r in (one, other))
-    return np.abs(one - other).max() / np.abs(other).max()
+    actual = response.force("crank gear", "idler").samples(2**15)
+    expected = reference.force("crank gear", "idler").samples(2**15)
+    return np.abs(actual - expected).max() / np.abs(expected).max()
 
 
 def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
@@ -53,9 +54,8 @@ def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
     assert [type(event) for event in response.path] == [Sweeps]
     newton = jaxhb.solve(train, rpm=RPM, harmonics=1024, start=response)
     assert newton.converged
-    assert force_difference(response, newton) < 1.2 * float(
-        response.truncation_error + newton.truncation_error
-    )
+    error = float(response.truncation_error + newton.truncation_error)
+    assert force_difference(response, newton) < 1.2 * error
 
 
 def test_a_tighter_tolerance_takes_more_steps(train, response):
@@ -63,20 +63,18 @@ def test_a_tighter_tolerance_takes_more_steps(train, response):
     assert finer.converged
     assert float(finer.truncation_error) <= 1e-3
     assert finer.harmonics > response.harmonics
-    assert [
-        event.time_steps for event in finer.path if isinstance(event, Sweeps)
-    ] == sorted({event.time_steps for event in finer.path})
-    assert force_difference(response, finer) < 1.2 * float(
-        response.truncation_error + finer.truncation_error
-    )
+    steps = [event.time_steps for event in finer.path if isinstance(event, Sweeps)]
+    assert steps == sorted({event.time_steps for event in finer.path})
+    error = float(response.truncation_error + finer.truncation_error)
+    assert force_difference(response, finer) < 1.2 * error
 
 
 def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
-    found = jaxhb.solve(train, rpm=LATE)
-    assert found.converged
-    assert [type(event) for event in found.path] == [Sweeps, NewtonOnSweeps]
-    error = jaxhb.shooting_correction(found).error
-    assert error < 2 * float(found.truncation_error)
+    response = jaxhb.solve(train, rpm=LATE)
+    assert response.converged
+    assert [type(event) for event in response.path] == [Sweeps, NewtonOnSweeps]
+    error = jaxhb.shooting_correction(response).error
+    assert error < 2 * float(response.truncation_error)
 
 
 def test_where_nothing_settles_shooting_finds_a_motion():
@@ -98,11 +96,9 @@ def test_where_nothing_settles_shooting_finds_a_motion():
     else:
         pytest.fail("shooting found no motion")
     rungs = [type(event) for event in response.path]
-    assert (
-        rungs[:2] == [Sweeps, NewtonOnSweeps]
-        and Shooting in rungs
-        and rungs[-1] == Newton
-    )
+    assert rungs[:2] == [Sweeps, NewtonOnSweeps]
+    assert Shooting in rungs
+    assert rungs[-1] == Newton
     # Within the tolerance: this motion repels, and magnifies what is left out.
     assert jaxhb.shooting_correction(response).error < 0.01
 
@@ -130,38 +126,35 @@ def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_
     observed = modes.deflections
     rates = modes.rates
     forcing = modes.forcing
-    response = sum(
+    moving = sum(
         np.einsum("gm,mh,mk->hgk", a / 2, 1 / (1j * omega - b[:, None]), c)
         for a, b, c in (
             (observed, rates, forcing),
             (observed.conj(), rates.conj(), forcing.conj()),
         )
     )
-    response = modes.flexibility - response
-    miss = np.abs(response - receptance)[1:].max(axis=(1, 2)) / np.abs(receptance)[
-        1:
-    ].max(axis=(1, 2))
-    assert miss.max() < 0.02
+    response = modes.flexibility - moving
+    errors = np.abs(response - receptance)[1:].max(axis=(1, 2))
+    scale = np.abs(receptance)[1:].max(axis=(1, 2))
+    assert (errors / scale).max() < 0.02
 
 
 @pytest.mark.oracle
 def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks(
     long_train,
 ):
-    found = jaxhb.solve(long_train, rpm=RPM)
-    assert found.converged and not any(
-        isinstance(event, Newton) for event in found.path
-    )
-    newton = jaxhb.solve(long_train, rpm=RPM, harmonics=found.harmonics, start=found)
+    swept = jaxhb.solve(long_train, rpm=RPM)
+    assert swept.converged
+    assert not any(isinstance(event, Newton) for event in swept.path)
+    newton = jaxhb.solve(long_train, rpm=RPM, harmonics=swept.harmonics, start=swept)
     assert newton.converged
-    assert force_difference(found, newton) < 1.2 * float(
-        found.truncation_error + newton.truncation_error
-    )
+    error = float(swept.truncation_error + newton.truncation_error)
+    assert force_difference(swept, newton) < 1.2 * error
 
 
 def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
-    found = jaxhb.solve_speeds(train, rpm=[RPM, RPM + 20])
-    np.testing.assert_array_equal(found[0].angles, response.angles)
+    sweep = jaxhb.solve_speeds(train, rpm=[RPM, RPM + 20])
+    np.testing.assert_array_equal(sweep[0].angles, response.angles)
 
 
 def test_sweeps_from_a_motion_stay_there(train, swept, response):
@@ -183,50 +176,50 @@ def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
 def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
     train, response
 ):
-    for asked in ({"harmonics": 512}, {"integrals": "exact"}, {"start": "march"}):
-        found = jaxhb.solve(train, rpm=RPM, **asked)
-        assert isinstance(found.path[-1], Newton)
-        assert not any(isinstance(event, NewtonOnSweeps) for event in found.path)
-        assert force_difference(found, response) < 0.1
+    for newton in (
+        jaxhb.solve(train, rpm=RPM, harmonics=512),
+        jaxhb.solve(train, rpm=RPM, integrals="exact"),
+        jaxhb.solve(train, rpm=RPM, start="march"),
+    ):
+        assert isinstance(newton.path[-1], Newton)
+        assert not any(isinstance(event, NewtonOnSweeps) for event in newton.path)
+        assert force_difference(newton, response) < 0.1
 
 
 def modes_of(train):
     request = Request.of(train)
-    return sweeping.swept_train(
-        train, planning.contact_plan(train, request), request
-    ).modes
+    plan = planning.contact_plan(train, request)
+    return sweeping.swept_train(train, plan, request).modes
 
 
 def new_modes(train):
-    """Made anew, whatever was kept."""
+    """Modes made anew, though others are kept."""
     request = Request.of(train)
     plan = planning.all_active(train, planning.contact_plan(train, request), request)
-    return modes_for_march(
-        problem_at(train, sweeping.MODES_RPM, plan.excited), plan.active_meshes
-    )
+    problem = problem_at(train, sweeping.MODES_RPM, plan.excited)
+    return modes_for_march(problem, plan.active_meshes)
 
 
 def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
     """Also where numbers are written into the arrays of a train."""
-    kept = modes_of(train)
-    assert modes_of(dataclasses.replace(train)) is kept
-    np.testing.assert_allclose(kept.rates, new_modes(train).rates, rtol=ALGEBRAIC)
+    modes = modes_of(train)
+    assert modes_of(dataclasses.replace(train)) is modes
+    np.testing.assert_allclose(modes.rates, new_modes(train).rates, rtol=ALGEBRAIC)
     inertia = np.array(train.disks.inertia)
-    own = dataclasses.replace(
-        train, disks=dataclasses.replace(train.disks, inertia=inertia)
-    )
-    assert modes_of(own) is kept
+    disks = dataclasses.replace(train.disks, inertia=inertia)
+    writable = dataclasses.replace(train, disks=disks)
+    assert modes_of(writable) is modes
     inertia[0] *= 1.5
-    changed = modes_of(own)
-    np.testing.assert_array_equal(changed.rates, new_modes(own).rates)
-    assert np.abs(changed.rates - kept.rates).max() > 1e-3 * np.abs(kept.rates).max()
+    changed = modes_of(writable)
+    np.testing.assert_array_equal(changed.rates, new_modes(writable).rates)
+    difference = np.abs(changed.rates - modes.rates).max()
+    assert difference > 1e-3 * np.abs(modes.rates).max()
 
 
 def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
     assert not any(plan.by_rate for plan in swept.sweep_plans(RPM))
     law = ("contact", *train.topology.mesh_damping_law[1:])
     topology = dataclasses.replace(train.topology, mesh_damping_law=law)
-    own = dataclasses.replace(
-        swept, train=dataclasses.replace(train, topology=topology)
-    )
-    assert all(plan.by_rate for plan in own.sweep_plans(RPM))
+    damped = dataclasses.replace(train, topology=topology)
+    damped_sweeps = dataclasses.replace(swept, train=damped)
+    assert all(plan.by_rate for plan in damped_sweeps.sweep_plans(RPM))

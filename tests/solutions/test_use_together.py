@@ -34,10 +34,10 @@ def read(train, rpm):
 
 def test_eight_threads_get_the_numbers_that_one_gets(train):
     alone = {rpm: read(train, rpm) for rpm in RPM}
-    asked = [RPM[k % len(RPM)] for k in range(CALLS)]
+    speeds = [RPM[k % len(RPM)] for k in range(CALLS)]
     with ThreadPoolExecutor(THREADS) as threads:
-        answers = list(threads.map(lambda rpm: read(train, rpm), asked))
-    assert answers == [alone[rpm] for rpm in asked]
+        answers = list(threads.map(lambda rpm: read(train, rpm), speeds))
+    assert answers == [alone[rpm] for rpm in speeds]
 
 
 @pytest.mark.parametrize(
@@ -47,13 +47,11 @@ def test_a_copy_of_a_train_and_of_an_answer_reads_the_same(train, copied):
     response = jaxhb.solve(train, rpm=5000.0)
     steady = jaxhb.steady_state(train, rpm=5000.0)
     again = copied(response)
-    assert (int(again.status), float(again.residual)) == (
-        int(response.status),
-        float(response.residual),
-    )
-    for pair in ("gear a", "gear b"), ("gear b", "gear a"):
-        np.testing.assert_array_equal(
-            again.force(*pair).samples(720), response.force(*pair).samples(720)
-        )
+    assert int(again.status) == int(response.status)
+    assert float(again.residual) == float(response.residual)
+    for driver, driven in ("gear a", "gear b"), ("gear b", "gear a"):
+        force = again.force(driver, driven).samples(720)
+        expected = response.force(driver, driven).samples(720)
+        np.testing.assert_array_equal(force, expected)
     assert copied(steady).kind == steady.kind
     assert read(copied(train), 5000.0) == read(train, 5000.0)

@@ -11,17 +11,13 @@ from jaxhb.steady.marching import Equations
 
 def closure_of(motion, cycles):
     """Closure of ``motion(c, t)``, t in cycles, over so many cycles."""
-    found = Closure(np.array([1e-3, 1e-3]))
+    closure = Closure(np.array([1e-3, 1e-3]))
     t = np.arange(32) / 32
-    found.add(
-        np.stack(
-            [
-                np.stack([motion(c, t), motion(c, t + 0.25)], axis=1)
-                for c in range(cycles)
-            ]
-        )
-    )
-    return found
+    samples = [
+        np.stack([motion(c, t), motion(c, t + 0.25)], axis=1) for c in range(cycles)
+    ]
+    closure.add(np.stack(samples))
+    return closure
 
 
 NOISE = np.random.default_rng(0).normal(size=200)
@@ -59,9 +55,9 @@ ADDED = {
 def test_a_motion_has_the_period_that_it_repeats_or_approaches_and_no_other(name):
     added, allowed = ADDED[name]
     for cycles, periods in allowed.items():
-        found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + added(c, t), cycles)
-        assert found.period() in periods
-    assert name != "an irregular motion" or not found.undecided()
+        record = closure_of(lambda c, t: np.cos(2 * np.pi * t) + added(c, t), cycles)
+        assert record.period() in periods
+    assert name != "an irregular motion" or not record.undecided()
 
 
 def test_a_slow_mode_that_teeth_notice_is_given_time():
@@ -69,32 +65,27 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     slowly, and one by a shaft so soft that the teeth do not notice it.
     """
     inertia = 1.0
-    tooth = (1e6, 100.0)
-    soft = (1e4, 2.0)
-    softest = (1e-2, 1e-6)
     parts = [Disk(name=name, inertia=inertia, radius=1.0) for name in "ab"]
     parts += [Disk(name=name, inertia=inertia) for name in "cd"]
     parts += [
         Mesh(
             between=("a", "b"),
-            stiffness=tooth[0],
-            damping=tooth[1],
+            stiffness=1e6,
+            damping=100.0,
             backlash=1e-4,
             epsilon=0.01,
             transition=0.2,
         ),
-        *(
-            Shaft(between=("b", name), stiffness=k, damping=r)
-            for name, (k, r) in (("c", soft), ("d", softest))
-        ),
+        Shaft(between=("b", "c"), stiffness=1e4, damping=2.0),
+        Shaft(between=("b", "d"), stiffness=1e-2, damping=1e-6),
         Torque(disk="a", mean=10.0, harmonics=((1.0, 5.0, 0.0),)),
         Load(disk="b"),
     ]
     train = build(parts, reference="a")
     rates = damped_modes(train).eigenvalues
-    wanted = -1 / rates.real[(rates.imag > 1) & (rates.imag < 500)].max()
-    assert wanted > 0.3
-    np.testing.assert_allclose(Equations(train).decay, wanted, rtol=1e-6)
+    expected = -1 / rates.real[(rates.imag > 1) & (rates.imag < 500)].max()
+    assert expected > 0.3
+    np.testing.assert_allclose(Equations(train).decay, expected, rtol=1e-6)
 
     few, most = closure.TRANSIENT
     assert Cycles().before_record(1e9, 0.1) == few
@@ -108,18 +99,16 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
 
 def test_a_closure_holds_the_cycles_that_its_errors_read_and_no_others():
     cycles = np.random.default_rng(1).normal(size=(200, 32, 2))
-    found = Closure(np.zeros(2))
+    record = Closure(np.zeros(2))
     for first in range(0, 200, 8):
-        found.add(cycles[first : first + 8])
-    assert len(found.cycles) == 32
+        record.add(cycles[first : first + 8])
+    assert len(record.cycles) == 32
     scale = np.abs(cycles[-16:]).max(axis=(0, 1))
     for k in closure.PERIODS:
         change = [
             (np.abs(cycles[c] - cycles[c - k]) / scale).max() for c in range(k, 200)
         ]
         window = max(3, k)
-        wanted = [
-            max(change[len(change) - (i + 1) * window : len(change) - i * window])
-            for i in range(3)
-        ]
-        assert found.errors(k) == wanted
+        ends = [len(change) - i * window for i in range(3)]
+        expected = [max(change[end - window : end]) for end in ends]
+        assert record.errors(k) == expected

@@ -22,10 +22,8 @@ def test_a_cycle_of_too_many_steps_is_told_within_seconds_and_not_marched():
     state = jaxhb.steady_state(train, rpm=0.392)
     assert time.process_time() - begin < 10
     assert state.kind == "unknown"
-    assert (
-        "5.37e+08 steps a cycle" in state.notes[0]
-        and "ask for a higher speed" in state.notes[0]
-    )
+    assert "5.37e+08 steps a cycle" in state.notes[0]
+    assert "ask for a higher speed" in state.notes[0]
     with pytest.raises(ValueError, match=r"steps a cycle .* ask for a higher speed"):
         integrate(train, rpm=0.392)
 
@@ -37,18 +35,15 @@ def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
     train = jaxhb.load_scene("first_scene")
     state = jaxhb.steady_state(train, rpm=0.5)
     linear = jaxhb.linear_response(train, rpm=0.5)
-    force, rigid = (
-        motion.force("crank gear", "pump gear") for motion in (state, linear)
-    )
-    assert (
-        state.known
-        and state.stability.stable
-        and "other motions were not looked for" in state.notes[0]
-    )
-    found, wanted = (
+    force = state.force("crank gear", "pump gear")
+    rigid = linear.force("crank gear", "pump gear")
+    assert state.known
+    assert state.stability.stable
+    assert "other motions were not looked for" in state.notes[0]
+    actual, expected = (
         [float(f.mean), float(f.max), float(f.min)] for f in (force, rigid)
     )
-    assert found == pytest.approx(wanted, rel=2e-3)
+    assert actual == pytest.approx(expected, rel=2e-3)
 
 
 def test_ranges_of_too_many_values_are_refused_before_they_are_made():
@@ -72,9 +67,7 @@ def test_the_memory_of_every_march_stays_below_a_gigabyte():
         marched = [
             equations.steps(rpm) for rpm in speeds if not equations.too_long(rpm)
         ]
-        assert (
-            marched
-            and max(marched) <= MOST_STEPS
-            and max(marched) * equations._bytes_of_step <= MEMORY < 2**30
-        )
+        assert marched
+        assert max(marched) <= MOST_STEPS
+        assert max(marched) * equations._bytes_of_step <= MEMORY < 2**30
         assert equations.too_long(1e-3)

@@ -30,11 +30,11 @@ def test_the_spread_is_that_of_the_extremes_of_many_records():
     scatter alike, by pi / sqrt(6).
     """
     records = np.random.default_rng(1).exponential(size=(400, 64))
-    told = np.array([recorded(record).spread.max for record in records])
+    spreads = np.array([recorded(record).spread.max for record in records])
     true = 2 * records.max(axis=1).std()
     assert true == pytest.approx(2 * np.pi / np.sqrt(6), rel=0.1)
-    assert np.sqrt((told**2).mean()) == pytest.approx(true, rel=0.1)
-    covered = np.abs(records.max(axis=1) - np.log(64) - np.euler_gamma) < told
+    assert np.sqrt((spreads**2).mean()) == pytest.approx(true, rel=0.1)
+    covered = np.abs(records.max(axis=1) - np.log(64) - np.euler_gamma) < spreads
     assert covered.mean() > 0.85
 
 
@@ -51,15 +51,13 @@ def test_records_grow_where_their_extremes_vary_and_tell_how_far_others_lie():
     """
     train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
     rpm = pair_rpm(Pair(SPEED, epsilon=EPSILON))
-    short, state = (
-        jaxhb.steady_state(train, rpm=rpm, cycles=c)
-        for c in (Cycles(recorded=RECORDED), None)
-    )
-    assert short.kind == state.kind == "irregular" and short.record.cycles == RECORDED
+    short = jaxhb.steady_state(train, rpm=rpm, cycles=Cycles(recorded=RECORDED))
+    state = jaxhb.steady_state(train, rpm=rpm, cycles=None)
+    assert short.kind == state.kind == "irregular"
+    assert short.record.cycles == RECORDED
     assert state.record.cycles == (LONGER if short.record.spread > SPREAD else RECORDED)
-    np.testing.assert_array_equal(
-        short.motion, state.motion
-    )  # from which a neighbour starts
+    # A neighbour starts from this motion.
+    np.testing.assert_array_equal(short.motion, state.motion)
     for record in (short.record, state.record):
         low, _, high = EXACT["largest_over"][str(record.cycles)]
         signal = record.deflection("a", "b")
