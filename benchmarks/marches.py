@@ -52,8 +52,8 @@ def march(
     elastic tooth force repeats.
 
     cycles : exactly so many; else until ``periodicity_error <= aim``, at most ``most``
-    cycles (above it: not settled) budget : seconds after which no cycle is begun; rho :
-    of generalized-alpha; clock : what seconds are taken from
+    cycles (above it: not settled); budget : seconds after which no cycle is begun; rho
+    : of generalized-alpha; clock : the function that seconds are taken from
     """
     advance, _ = stepping(task, method, steps, rho)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))

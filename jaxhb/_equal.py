@@ -22,12 +22,12 @@ def by_value(cls: type[Compared]) -> type[Compared]:
     (True, False)
     """
 
-    def equal(self, other: Any) -> Any:
+    def equal(self: Any, other: Any) -> Any:
         if type(other) is not type(self):
             return NotImplemented
         return self is other or value_key(self) == value_key(other)
 
-    def hashed(self) -> int:
+    def hashed(self: Any) -> int:
         return hash(value_key(self))
 
     cls.__eq__ = equal  # type: ignore[method-assign]

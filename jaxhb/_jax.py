@@ -211,7 +211,7 @@ def concrete(*trees: Any) -> Any:
 def on_host(tree: Tree) -> Tree:
     """The tree with numpy arrays for its leaves, except those that are traced."""
 
-    def moved(leaf):
+    def moved(leaf: Any) -> Any:
         return leaf if type(leaf) is np.ndarray or traced(leaf) else np.asarray(leaf)
 
     jax = _loaded()
@@ -228,7 +228,7 @@ def remembered(function: Callable) -> Callable:
     """
 
     @lru_cache(maxsize=8)
-    def by_numbers(leaves: tuple, structure: Any, *static: Any):
+    def by_numbers(leaves: tuple, structure: Any, *static: Any) -> Any:
         arrays = [
             np.frombuffer(numbers, kind).reshape(shape)
             for numbers, kind, shape in leaves
@@ -236,7 +236,7 @@ def remembered(function: Callable) -> Callable:
         return function(_loaded().tree.unflatten(structure, arrays), *static)
 
     @wraps(function)
-    def remembering(tree, *static):
+    def remembering(tree: Any, *static: Any) -> Any:
         # A scene that is only checked is read once, without jax.
         if not _loaded() or namespace(tree) is not np:
             return function(tree, *static)

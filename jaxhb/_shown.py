@@ -28,7 +28,7 @@ def brief(cls: type[Shown]) -> type[Shown]:
     Shapes(hz=float64[6] 0 to 5, names=6 of str)
     """
 
-    def line(self):
+    def line(self: Any) -> str:
         fields = [field.name for field in dataclasses.fields(self) if field.repr]
         values = {name: getattr(self, name) for name in fields}
         texts = [

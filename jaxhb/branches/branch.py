@@ -51,7 +51,9 @@ class SpecialPoint:
         return f"{self.kind} at {self.value:.8g}"
 
 
-def train_at(train: DriveTrain, rpm: float | None, parameter: str, value: float):
+def train_at(
+    train: DriveTrain, rpm: float | None, parameter: str, value: float
+) -> tuple[DriveTrain, float]:
     """Train and speed in rpm with a value of the parameter, checked."""
     speed = value if parameter == "rpm" else rpm
     assert speed is not None  # a parameter other than the speed has one

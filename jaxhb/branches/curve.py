@@ -7,6 +7,7 @@ steps on the linearised map of a sweep solve them.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +76,7 @@ class HarmonicCurve:
 
 
 @Program
-def linearized(curve: HarmonicCurve, y: Array, normal: Array):
+def linearized(curve: HarmonicCurve, y: Array, normal: Array) -> tuple:
     """Linearize the curve at a point, as ``linearize`` of
     :func:`jaxhb.solutions.continuation.follow_curve`.
     """
@@ -115,7 +116,7 @@ INVERSIONS = 3
 
 
 @Program
-def null_direction(curve: HarmonicCurve, y: Array, direction: Array):
+def null_direction(curve: HarmonicCurve, y: Array, direction: Array) -> Any:
     """Direction ``(n,)``, of length 1, in which F stays zero to first order where its
     Jacobian is singular.
 
@@ -136,7 +137,7 @@ def null_direction(curve: HarmonicCurve, y: Array, direction: Array):
 
 
 @Program
-def simplified(curve: HarmonicCurve, y: Array, slopes: tuple):
+def simplified(curve: HarmonicCurve, y: Array, slopes: tuple) -> tuple:
     """Correct a point, as ``simplify`` of
     :func:`jaxhb.solutions.continuation.follow_curve`: with the Jacobian of this point,
     the linearised march and the derivative in the parameter of another one.

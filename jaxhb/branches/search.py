@@ -111,7 +111,7 @@ def solve_all(
     rpm = float(rpm)
     request = Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    responses = []
+    responses: list = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
     of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
     for response, period in itertools.chain(marched, of_one_cycle):

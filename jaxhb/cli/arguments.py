@@ -6,7 +6,7 @@ that it inherits. Files are named by their paths, None where none is asked for.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from jaxhb.report.files.compared import Compared
@@ -163,7 +163,7 @@ class Sweep(Computed, Firing, Motion, Spectra):
     """
 
     rpm: list[float]
-    direction: str | None
+    direction: Literal["up", "down", "both"] | None
     full: bool
     over: tuple[str, list[float]] | None
     folder: str | None

@@ -5,7 +5,7 @@ write for programs.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +45,7 @@ from jaxhb.train.drivetrain import DriveTrain
 if TYPE_CHECKING:
     from jaxhb.design.descent import Step
     from jaxhb.design.evaluation import Reading
+    from jaxhb.design.tuning import Tuning
 
 EACH = "each"
 
@@ -94,12 +95,12 @@ def tune(train: DriveTrain, arguments: cli.Tune) -> int:
         files = _TunedFiles(arguments, train, table["rpm"], progress)
         progress.say("solving the scene as it is")
 
-        def compute(folder):
+        def compute(folder: Any) -> Tuning:
             return search(
                 train, **table, on_start=files.begin, on_step=files.note, out=folder
             )
 
-        def left():
+        def left() -> str:
             return files.left() + (f"; {GOES_ON}" if unfinished.folder else "")
 
         result = unfinished.run(compute, left)
@@ -301,7 +302,7 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
         elsewhere=arguments.folder,
     )
 
-    def compute(folder):
+    def compute(folder: Any) -> dict[str, list[Answer]]:
         if axis == SPEED:
             return answer_speeds(
                 train,
@@ -328,7 +329,7 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
             on_answers=files.note,
         )
 
-    def left():
+    def left() -> str:
         goes_on = f"; {GOES_ON}" if unfinished.folder else ""
         return files.left(len(values)) + goes_on
 
@@ -398,7 +399,9 @@ class _SweepFiles:
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 
-    def json(self, answers: Mapping[str, list[Answer]], *, complete: bool = False):
+    def json(
+        self, answers: Mapping[str, list[Answer]], *, complete: bool = False
+    ) -> Iterator[bytes]:
         """The JSON file: one list of answers is called responses, two by their
         directions.
         """

@@ -185,7 +185,7 @@ class Program(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 @click.version_option(__version__, message="jaxhb %(version)s")
-def program():
+def program() -> None:
     """Forced vibration of drive trains with gear backlash: do the teeth hammer, at
     which speeds, and how hard?
 
@@ -220,7 +220,7 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     default="first_scene",
     show_default=True,
 )
-def new():
+def new() -> None:
     """Write a small commented scene, or a copy of another.
 
     Every line is explained; a copy has its tables beside it. Never overwrites a file.
@@ -228,7 +228,7 @@ def new():
 
 
 @command(None, "inputs", DONE, "scenes")
-def scenes():
+def scenes() -> None:
     """List the packaged scenes and what they are."""
 
 
@@ -252,7 +252,7 @@ def scenes():
     "a sketch of the train instead of printing it: disks, shafts, gears in mesh,"
     " dampers, grounds"
 )
-def scene():
+def scene() -> None:
     """Check a scene and write it as TOML.
 
     Files of other programs are read by their endings: .json in the TORS format of
@@ -269,7 +269,7 @@ def scene():
     read_speeds,
 )
 @option("--json FILE", "write all of it for programs, SI units")
-def check():
+def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
     Reads a scene and reports what it amounts to: mean torques and tooth forces, the
@@ -286,7 +286,7 @@ def check():
 @options.plot(
     "shapes of the first six modes that strain links, with nodes and damping ratios"
 )
-def modes():
+def modes() -> None:
     """Natural frequencies in Hz, undamped, and mode shapes."""
 
 
@@ -301,7 +301,7 @@ def modes():
 @option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count)
 @option("--json FILE", "write the tables in full precision, SI units")
 @options.plot("the residual over the frequency")
-def holzer():
+def holzer() -> None:
     """Holzer's table of a train without loops.
 
     As engineers print it: inertia, ordinate, torque sum and twist from the free ends to
@@ -342,7 +342,7 @@ def holzer():
 @option("--json FILE", "write frequencies and critical speeds in full precision")
 @option("--csv FILE", "write one row per critical speed for spreadsheets")
 @options.plot("the Campbell diagram")
-def campbell():
+def campbell() -> None:
     """Natural frequencies and orders over the speed.
 
     The Campbell diagram: natural frequencies over the speed, orders of the excitation
@@ -369,7 +369,7 @@ def campbell():
 )
 @options.EACH_MISFIRE
 @options.files("orders and synthesis over the speed, of up to four elements")
-def forced():
+def forced() -> None:
     """Linear response over the speed: amplitudes by order, heat.
 
     All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis,
@@ -398,7 +398,7 @@ def forced():
     "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle",
 )
 @options.GEAR
-def solve():
+def solve() -> None:
     """One speed: do the teeth hammer? Forces, torques, contact.
 
     With backlash and without: the kind of motion, which teeth separate and for how
@@ -448,7 +448,7 @@ def solve():
     whole,
     default="16",  # a batch of marches
 )
-def sweep():
+def sweep() -> None:
     """Many speeds in one call: at which do the teeth hammer?
 
     Kind of motion, largest tooth force and time out of contact over the speed. Where
@@ -497,7 +497,7 @@ def sweep():
     "on the page, the design tuned as the [tune] table of the scene asks; takes"
     " minutes",
 )
-def report():
+def report() -> None:
     """Several speeds, in normal running and with a misfire.
 
     With backlash and without, with a misfiring cylinder, or with every cylinder in turn
@@ -531,7 +531,7 @@ def report():
 @option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
 @option("--json FILE", "parameters, readings, history (default: as --output, .json)")
 @options.plot("the response before and after and the history")
-def tune():
+def tune() -> None:
     """Find the dampers (or any numbers) that cure it, by gradient.
 
     Changes numbers of a scene within bounds to make a response small over a range of
@@ -568,7 +568,7 @@ def tune():
 @options.files(
     "as the scene is, the worst case and the sample over the speed", spectra=False
 )
-def tolerance():
+def tolerance() -> None:
     """What do tolerances and wear do: the worst case, and which number makes it.
 
     The [tolerance] table of the scene says how far numbers may be from theirs; a worn
@@ -603,7 +603,7 @@ def tolerance():
 )
 @options.JSON
 @option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
-def phase():
+def phase() -> None:
     """Two engines on one gear: the worst angle between them.
 
     A [[phase]] of the scene turns all that one engine excites. Without backlash its
@@ -649,7 +649,7 @@ def phase():
 )
 @options.JSON
 @options.plot("what was measured and what is computed over the speed")
-def identify():
+def identify() -> None:
     """Which stiffness, damping or cylinder explains a measurement?
 
     Fits numbers of a scene to measured orders of torque, angle, speed or acceleration

@@ -248,7 +248,7 @@ def _tuned(
     table = read_table(train)
     progress.say("tuning, as the [tune] table asks")
 
-    def note(step):
+    def note(step: Any) -> None:
         progress.say(f"tuning: step {step.number}, objective {step.objective:.4g}")
 
     result = tune(train, **table, on_step=note, out=folder)

@@ -31,12 +31,12 @@ class Progress:
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self._tick, daemon=True)
 
-    def __enter__(self):
+    def __enter__(self) -> "Progress":
         if self.stream is not None:
             self.thread.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.ended.set()
         if self.stream is not None:
             self.thread.join()

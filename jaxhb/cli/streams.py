@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 CLOSED = 141  # exit status: the reader of the output had enough, as after SIGPIPE
 UNWRITABLE = 2  # exit status: the output cannot be written
@@ -94,7 +95,7 @@ def _ending_by_signals() -> Iterator[None]:
     alone.
     """
 
-    def end(number: int, _) -> None:
+    def end(number: int, _: Any) -> None:
         raise Ended(number)
 
     before = {}

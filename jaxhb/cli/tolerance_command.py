@@ -3,6 +3,7 @@ phase between two engines.
 """
 
 import re
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from jaxhb.cli.resume import Unfinished
 from jaxhb.design.phases import WorstPhase, worst_phase
 from jaxhb.design.quantities import QUANTITIES, Objective, unit_of
 from jaxhb.design.tolerances import read_tolerances
-from jaxhb.design.worst_case import tolerance as search
+from jaxhb.design.worst_case import Spread, tolerance as search
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
@@ -44,7 +45,7 @@ def tolerance(train: DriveTrain, arguments: cli.Tolerance) -> int:
     )
     with Progress(quiet=arguments.quiet) as progress:
 
-        def compute(folder):
+        def compute(folder: Any) -> Spread:
             return search(
                 train,
                 rpm=np.array(arguments.rpm),

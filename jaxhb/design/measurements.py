@@ -90,7 +90,7 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
         raise SceneError([f"{path.name}: {text}" for text in faults])
     heads = table.lines[0].cells
     row_at: dict[tuple, _Row] = {}
-    lines_of = {}
+    lines_of: dict = {}
     for line in table.lines[1:]:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
         for text in _line_faults(train, heads, line, row) or _repeated(row_at, row):

@@ -372,7 +372,7 @@ def own_value(train: DriveTrain, name: str, remedy: str, faults: list[str]) -> f
 
 def parameter_faults(train: DriveTrain, parameter: Parameter) -> list[str]:
     """Sentences on a parameter that cannot be tuned."""
-    faults = []
+    faults: list = []
     value = own_value(train, parameter.name, "tune numbers only.", faults)
     if faults:
         return faults

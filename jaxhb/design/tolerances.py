@@ -71,7 +71,7 @@ def read_tolerances(train: DriveTrain) -> tuple[Tolerance, ...]:
     tolerances: list[Tolerance] = []
     faults: list[str] = []
     for name, entry in _entries(table):
-        sentences = []
+        sentences: list = []
         tolerance = _tolerance(train, name, entry, sentences)
         faults += [
             f"{title}, [tolerance] {name!r}: {sentence}" for sentence in sentences

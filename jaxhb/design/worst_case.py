@@ -471,7 +471,7 @@ class _Search:
         trains that it tried.
         """
         self.parts += 1
-        self.log = []
+        self.log: list = []
 
         def work() -> dict[str, Any]:
             value = compute()

@@ -246,7 +246,7 @@ class Parts:
 
     def _give_names(self) -> None:
         """Name the elements that have no name by the disks that they join or sit on."""
-        count = Counter()
+        count: Counter = Counter()
         for table, index, element in self.rows():
             if self.names[table][index] is not None or table in (
                 "disk",
@@ -401,7 +401,7 @@ def element_errors(parts: Parts) -> list[str]:
 
 def name_errors(parts: Parts) -> list[str]:
     """Find names that stand for several elements."""
-    first_place = {}
+    first_place: dict = {}
     errors = []
     for table in TABLES:
         for index, name in enumerate(parts.names[table]):

@@ -118,14 +118,14 @@ def link_keys(links: Sequence[Shaft | Damper | Mesh]) -> tuple[tuple[str, ...], 
     return keys if any(keys) else ()
 
 
-def link_number(topology, table: str, index: int) -> int:
+def link_number(topology: Any, table: str, index: int) -> int:
     """Number of element ``index`` of a table among all links."""
     first = {"shaft": 0, "damper": len(topology.shaft_names)}
     return index + first.get(table, len(topology.link_names) - len(topology.mesh_names))
 
 
 def followers(
-    before, after, changes: Mapping[tuple[str, str], Mapping[int, Any]]
+    before: Any, after: Any, changes: Mapping[tuple[str, str], Mapping[int, Any]]
 ) -> Iterator[tuple[str, str, dict[int, Number]]]:
     """Numbers that follow from changed numbers of links: (table, "stiffness" or
     "damping", {index: value}).
@@ -177,7 +177,7 @@ def followers(
             yield table, "damping", damping
 
 
-def _stiffness(shafts, i: int) -> Number:
+def _stiffness(shafts: Any, i: int) -> Number:
     """Stiffness in N m/rad of shaft ``i`` from its dimensions."""
     inner = 0.0 if shafts.inner is None else shafts.inner[i]
     return shaft_stiffness(
@@ -185,7 +185,7 @@ def _stiffness(shafts, i: int) -> Number:
     )
 
 
-def _share(links, i: int, keys: Sequence[str]) -> Number:
+def _share(links: Any, i: int, keys: Sequence[str]) -> Number:
     """Damping over stiffness of link ``i``, from the keys that it has."""
     hz = links.damping_hz[i]
     if "magnifier" in keys:

@@ -582,7 +582,7 @@ def facts_of(
     "stiffness", "combustion.start" or "traces no. 1.rpm"; None where a scene may be
     silent and is.
     """
-    facts = {}
+    facts: dict = {}
     for declared in dataclasses.fields(element):
         value = getattr(element, declared.name)
         name = before + declared.name

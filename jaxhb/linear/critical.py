@@ -105,7 +105,7 @@ def shares_in_mode(
     """Modal torques of critical speeds over the largest torque of their mode: torques
     of different modes do not compare.
     """
-    largest = {}
+    largest: dict = {}
     for speed, torque in zip(critical, torques, strict=True):
         largest[speed.mode] = max(torque, largest.get(speed.mode, 0.0))
     return [

@@ -331,7 +331,7 @@ def _at_mean_loads(
     clearance: speeds with the same slopes are solved together.
     """
     loads = [at_pressed_load(train, rpm=speed) for speed in speeds]
-    alike = {}
+    alike: dict = {}
     for place, load in enumerate(loads):
         (slopes,) = concrete(load.link_stiffness)
         alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)

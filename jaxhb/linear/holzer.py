@@ -360,7 +360,7 @@ def _eliminate(
     ]
     ordinate = [xp.ones_like(omega)] * len(node)
     sibling_factor = [xp.ones_like(omega)] * len(node)
-    hung = {}
+    hung: dict = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
         alpha = system.arm_a[tree.link[s]]
         beta = system.arm_b[tree.link[s]]

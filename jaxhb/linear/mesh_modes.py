@@ -3,6 +3,7 @@ motion has to be resolved.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def _engaged(train: DriveTrain) -> DriveTrain:
         [len(train.topology.shaft_names)],
     )
 
-    def stiffened(table, added: np.ndarray):
+    def stiffened(table: Any, added: np.ndarray) -> Any:
         return replace(table, stiffness=table.stiffness + added)
 
     return replace(

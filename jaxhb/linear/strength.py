@@ -408,7 +408,7 @@ class Strength:
         """Speeds of every rule, for which it has limits and requires stresses, and up
         to which the stresses reach.
         """
-        by_rule = {}
+        by_rule: dict = {}
         for name, rule in self.rules.items():
             stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
             reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))

@@ -227,7 +227,7 @@ def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
     topology = train.topology
     slopes = dict(zip(load.links, load.link_stiffness, strict=True))
 
-    def sloped(table, names: Sequence[str]):
+    def sloped(table: Any, names: Sequence[str]) -> Any:
         if not slopes.keys() & set(names):
             return table
         xp = namespace(table, load.link_stiffness)

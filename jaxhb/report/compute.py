@@ -356,7 +356,7 @@ def check_spread(
     solved = np.isfinite(spread.nominal)
     say("what does the train do as it is?")
     kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
-    worst = []
+    worst: list = []
     differences = []
     for i, rpm in enumerate(spread.rpm):
         worst.append([])

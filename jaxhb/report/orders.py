@@ -43,7 +43,7 @@ def order_names(train: DriveTrain) -> OrderNames:
     topology = train.topology
     cycle = train.topology.revolutions_per_cycle
     ratios = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
-    by_reference = set()
+    by_reference: set = set()
     makers: dict[int, dict[str, None]] = {}
     for disk, harmonics, of_own_rotor in _sources(topology):
         if not of_own_rotor or abs(ratios[disk] - 1) <= SAME:

@@ -160,7 +160,7 @@ class Checkpoint:
 
     def keep_or_march(
         self,
-        classifier,
+        classifier: Any,
         indices: Sequence[int],
         motions: Mapping[int, np.ndarray],
         progress: Callable[[int], object],
@@ -170,7 +170,7 @@ class Checkpoint:
         """
         started = [index in motions for index in indices]
 
-        def compute():
+        def compute() -> list:
             states_by_index = classifier.march_to_the_end(indices, motions, progress)
             return [states_by_index[index] for index in indices]
 

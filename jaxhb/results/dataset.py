@@ -245,7 +245,9 @@ def names_of(topology: Topology) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _numbers(motion, topology: Topology) -> tuple[dict[str, Any], dict[str, Spectrum]]:
+def _numbers(
+    motion: Any, topology: Topology
+) -> tuple[dict[str, Any], dict[str, Spectrum]]:
     """Numbers of one motion by name of the variable, as far as they are there, and
     spectra by name of the signal.
     """

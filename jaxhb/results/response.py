@@ -367,13 +367,13 @@ def register(cls: type) -> type:
     aside = ("train", "path", "certificate")
     names = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
 
-    def flatten(response):
+    def flatten(response: Any) -> tuple[list, tuple]:
         leaves = [
             (jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names
         ]
         return leaves, tuple(getattr(response, name) for name in static)
 
-    def unflatten(metadata: tuple[Any, ...], leaves: Iterable[Any]):
+    def unflatten(metadata: tuple[Any, ...], leaves: Iterable[Any]) -> Any:
         fields = dict(zip(names, leaves, strict=True))
         fields |= dict(zip(static, metadata, strict=True))
         return cls(**fields)

@@ -41,7 +41,7 @@ def pack(value: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
         if array.dtype.hasobject:
             raise TypeError(f"a {type(value).__name__} cannot be kept")
 
-        def make():
+        def make() -> dict[str, Any]:
             arrays.append(array)
             return {"array": len(arrays) - 1, "scalar": scalar}
 

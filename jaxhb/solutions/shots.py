@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -127,7 +128,7 @@ def _visited(stepper: Stepper) -> tuple[Array, Array]:
     periodicity errors ``(CYCLES,)`` of these cycles.
     """
 
-    def visit(state, _):
+    def visit(state: Any, _: None) -> tuple[Any, tuple]:
         after, periodicity_error = cycle_error(stepper, state)
         return after, (state, periodicity_error)
 

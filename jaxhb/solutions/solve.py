@@ -11,6 +11,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -278,7 +279,7 @@ def plan(
     return dataclasses.replace(decided, failed_gradient=failed_gradient)
 
 
-def _plan_of_one(train: DriveTrain, rpm, request: Request) -> Plan:
+def _plan_of_one(train: DriveTrain, rpm: Any, request: Request) -> Plan:
     """The plan of one speed, from whatever start led to its motion."""
     case = _decide(train, rpm, request, None, by_sweeps=False)
     assert case.response is not None and case.reached is not None, "no attempt"

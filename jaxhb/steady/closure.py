@@ -110,7 +110,7 @@ class Closure:
 
     def __init__(self, floor: np.ndarray):
         self.floor = floor
-        self.cycles = []
+        self.cycles: list = []
 
     def add(self, samples: Iterable[np.ndarray]) -> None:
         """Add cycles ``(cycles, I, 2G)``, and drop those that no closure error reads

@@ -55,7 +55,7 @@ def _choose(
     ``epsilon`` and ``transition``, ``teeth`` the ``radius`` at the tooth pitch that the
     gear has), and sentences.
     """
-    numbers = {}
+    numbers: dict = {}
     faults = []
     topology = train.topology
     laws = list(topology.mesh_damping_law)
@@ -131,7 +131,7 @@ def scene_values(
     """Values that a scene file needs for the settings ``{"NAME.FIELD": value}`` of a
     train that they made, by table, row and field.
     """
-    by_place = {}
+    by_place: dict = {}
     for key, value in settings.items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):

@@ -27,7 +27,7 @@ def neighbours(
     """Nodes that the links ``ends`` join each node to, and these links: a list of
     (other, link) for each node.
     """
-    joined = [[] for _ in range(nodes)]
+    joined: list[list[tuple[int, int]]] = [[] for _ in range(nodes)]
     skipped = set(without)
     for link, (a, b) in enumerate(ends):
         if link not in skipped:
@@ -69,7 +69,7 @@ def pieces(n_disks: int, pairs: Iterable[Sequence[int]]) -> list[int]:
 
 def members_of(piece: Sequence[int]) -> list[list[int]]:
     """Disks of each piece."""
-    members = [[] for _ in range(max(piece, default=-1) + 1)]
+    members: list[list[int]] = [[] for _ in range(max(piece, default=-1) + 1)]
     for disk, number in enumerate(piece):
         members[number].append(disk)
     return members

@@ -27,7 +27,10 @@ def done(train, asked):
 def test_what_a_command_has_kept_is_there_until_it_is_done(train):
     kept = Unfinished([train], ("sweep", [900.0]))
     folder = kept.folder.folder
-    assert folder.is_dir() and Unfinished([train], ("sweep", [900.0])).folder.folder == folder
+    assert (
+        folder.is_dir()
+        and Unfinished([train], ("sweep", [900.0])).folder.folder == folder
+    )
     assert Unfinished([train], ("sweep", [900.0000001])).folder.folder != folder
     kept.forget()
     assert not folder.exists()
@@ -65,7 +68,10 @@ def test_a_folder_in_which_others_could_write_is_not_used_and_that_is_told_once(
     {"the cache": folder.parents[1], "all that is under way": folder.parent}.get(
         which, folder
     ).chmod(0o777)
-    assert Unfinished([train], which).folder is None and Unfinished([train], which).folder is None
+    assert (
+        Unfinished([train], which).folder is None
+        and Unfinished([train], which).folder is None
+    )
     told = capsys.readouterr().err
     assert (
         told.count("is not kept on disk") == 1

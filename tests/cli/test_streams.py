@@ -347,7 +347,9 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
 def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):
     train = jaxhb.load_scene("spur_pair")
     month = 86400 * resume.FORGOTTEN_AFTER
-    folders = [resume.Unfinished([train], asked).folder.folder for asked in ("old", "recent")]
+    folders = [
+        resume.Unfinished([train], asked).folder.folder for asked in ("old", "recent")
+    ]
     for folder, age in zip(folders, (month + 60, month - 60), strict=True):
         (folder / "0 2000").mkdir(parents=True)
         (folder / "0 2000" / "sweep.json").write_text("")

@@ -354,7 +354,7 @@ def shapes_figure(
         annotations=notes,
         x_range=(-0.5, starts[-1] - 1.5),
     )
-    names = {}  # the disk on which a branch hangs is in brackets
+    names: dict = {}  # the disk on which a branch hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
         names |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
         if number:

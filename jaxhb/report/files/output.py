@@ -169,7 +169,7 @@ def rows_csv(
     )
 
 
-def as_picture(name: str, figure) -> list[bytes]:
+def as_picture(name: str, figure: Any) -> list[bytes]:
     """A matplotlib figure as the kind that ``name`` ends in."""
     content = io.BytesIO()
     figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)

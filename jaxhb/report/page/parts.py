@@ -152,7 +152,7 @@ def environment() -> Environment:
     return templates
 
 
-def _words(table):
+def _words(table: Table) -> set[int]:
     """Number the columns that hold words, which stand at the left."""
     columns = enumerate(table.columns)
     word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
