@@ -52,7 +52,8 @@ def test_the_peak_between_the_speeds_is_that_of_a_fine_sweep(outer):
     value, speed = checked.worst(NAME)
     assert value == pytest.approx(truth.max(), rel=1e-3)
     assert speed == pytest.approx(FINE[truth.argmax()], rel=2e-3)
-    assert set(RPM) <= set(checked.rpm) and len(checked.rpm) < 40
+    assert set(RPM) <= set(checked.rpm)
+    assert len(checked.rpm) < 40
     over = exceeded(TASK, checked)
     assert bool(over) == (truth.max() > 1.01)
 
@@ -100,14 +101,12 @@ def test_an_objective_that_follows_a_resonance_falls_all_the_way_on_which_its_pe
     them.
     """
     peaks = np.array([share(of_diameter(outer), FINE).max() for outer in DIAMETERS])
-    assert (np.diff(peaks) < 0).all() and (
-        np.diff(values_at(DIAMETERS, TASK, ())) > 0
-    ).any()
+    assert (np.diff(peaks) < 0).all()
+    assert (np.diff(values_at(DIAMETERS, TASK, ())) > 0).any()
     followed = values_at(DIAMETERS, TASK, critical_speeds(TRAIN, RPM))
     assert (np.diff(followed) < 0).all()
-    np.testing.assert_allclose(
-        followed, peaks, rtol=0.02
-    )  # smooth, at the undamped critical speed
+    # smooth, at the undamped critical speed.
+    np.testing.assert_allclose(followed, peaks, rtol=0.02)
 
 
 def test_a_penalty_counts_at_the_critical_speed_too():
@@ -124,9 +123,8 @@ def test_a_penalty_counts_at_the_critical_speed_too():
         excess = (
             np.maximum(share(train, np.array([*RPM, critical.rpm])) - 0.5, 0.0) / 0.5
         )
-        assert value == pytest.approx(
-            100.0 * (excess**2).sum(), rel=0.03
-        )  # smooth: 0.8 % below at most
+        # smooth: 0.8 % below at most.
+        assert value == pytest.approx(100.0 * (excess**2).sum(), rel=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -144,15 +142,15 @@ def test_the_default_search_finds_the_way_to_a_design_that_keeps_its_limit_betwe
         share(of_diameter(outer), FINE).max() for outer in np.linspace(0.53, 0.585, 12)
     )
     truth = share(tuned.train, FINE).max()
-    assert best < 0.9 and truth < 1.02 * best
+    assert best < 0.9
+    assert truth < 1.02 * best
     assert tuned.checked["after"].worst(NAME)[0] == pytest.approx(truth, rel=1e-3)
     assert tuned.checked["before"].worst(NAME)[0] == pytest.approx(
         share(TRAIN, FINE).max(), rel=1e-3
     )
     (sentence,) = tuned.followed
-    assert (
-        "of its limit at 6" in sentence and "between the speeds asked for" in sentence
-    )
+    assert "of its limit at 6" in sentence
+    assert "between the speeds asked for" in sentence
 
 
 def test_what_is_told_of_limits_is_what_holds_between_the_speeds(tuned):
@@ -164,10 +162,8 @@ def test_what_is_told_of_limits_is_what_holds_between_the_speeds(tuned):
     }
     text = "\n\n".join(tuned_parts(TRAIN, asked, tuned))
     value, speed = tuned.checked["after"].worst(NAME)
-    assert (
-        f"{value:.3g} at {speed:.5g} rpm after" in text
-        and "Within its limits, between the speeds too." in text
-    )
+    assert f"{value:.3g} at {speed:.5g} rpm after" in text
+    assert "Within its limits, between the speeds too." in text
     record = tuned_record(TRAIN, asked, tuned)
     assert record["checked"]["after"]["worst"][NAME] == {"value": value, "rpm": speed}
     assert record["followed"] == tuned.followed
@@ -216,19 +212,16 @@ def test_the_peak_of_parting_teeth_between_the_speeds_is_that_of_a_fine_scan_and
     forces = tooth_forces(train, MANY)
     checked = check_between(train, FEW, Task((DAMPING,), (TEETH,), ()), **PARTING)
     value, speed = checked.worst(FORCE)
-    assert value == pytest.approx(forces.max(), rel=5e-3) and value >= forces.max() * (
-        1 - 1e-6
-    )
+    assert value == pytest.approx(forces.max(), rel=5e-3)
+    assert value >= forces.max() * (1 - 1e-6)
     assert speed == pytest.approx(MANY[forces.argmax()], rel=5e-3)
-    assert (
-        np.abs(FEW - speed).min() > 0.03 * speed
-        and tooth_forces(train, np.array([U]))[0] < 0.92 * value
-    )
+    assert np.abs(FEW - speed).min() > 0.03 * speed
+    assert tooth_forces(train, np.array([U]))[0] < 0.92 * value
     state = jaxhb.steady_state(train, rpm=speed)
-    assert state.kind == "periodic" and float(
-        state.force("a|b").half_peak_to_peak
-    ) == pytest.approx(value, rel=2e-3)
-    assert set(FEW) <= set(checked.rpm) and len(checked.rpm) < 90
+    assert state.kind == "periodic"
+    assert float(state.force("a|b").half_peak_to_peak) == pytest.approx(value, rel=2e-3)
+    assert set(FEW) <= set(checked.rpm)
+    assert len(checked.rpm) < 90
 
 
 def tuned_pair(most, damping, steps=20):
@@ -254,24 +247,19 @@ def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_s
     """
     result, text = tuned_pair(0.36, DAMPING)
     assert np.nanmax(result.before.readings[FORCE]) < 0.36
-    assert (
-        "1.04 of its limit" in result.followed[0]
-        and "between the speeds asked for" in result.followed[0]
-    )
+    assert "1.04 of its limit" in result.followed[0]
+    assert "between the speeds asked for" in result.followed[0]
     forces = tooth_forces(result.train, MANY)
     assert forces.max() < 1.01 * 0.36
     assert result.checked["after"].worst(FORCE)[0] == pytest.approx(
         forces.max(), rel=5e-3
     )
-    assert (
-        "Within its limits, between the speeds too." in text
-        and "still exceeded" not in result.stopped
-    )
+    assert "Within its limits, between the speeds too." in text
+    assert "still exceeded" not in result.stopped
     # A limit that no design within the bounds keeps: so many rounds, and a sentence.
     result, text = tuned_pair(0.3, dataclasses.replace(DAMPING, high=0.21), steps=4)
-    assert (
-        "a limit is still exceeded after" in result.stopped and result.stopped in text
-    )
+    assert "a limit is still exceeded after" in result.stopped
+    assert result.stopped in text
     value, speed = result.checked["after"].worst(FORCE)
     assert value == pytest.approx(tooth_forces(result.train, MANY).max(), rel=5e-3)
     assert (
@@ -307,15 +295,13 @@ def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_beside_the_va
             .max()
         )
     value, speed = result.checked["after"].worst(name)
-    assert value == pytest.approx(peak, rel=5e-3) and value > 1.02 * np.nanmax(
-        result.after.readings[name]
-    )
+    assert value == pytest.approx(peak, rel=5e-3)
+    assert value > 1.02 * np.nanmax(result.after.readings[name])
     text = "\n\n".join(tuned_parts(train, asked, result))
-    assert (
-        f"LARGER between the speeds asked for: {name} " in text
-        and f" at {speed:.4g} rpm, not " in text
-    )
-    assert "limits" not in text and not result.followed
+    assert f"LARGER between the speeds asked for: {name} " in text
+    assert f" at {speed:.4g} rpm, not " in text
+    assert "limits" not in text
+    assert not result.followed
     assert tuned_record(train, asked, result)["checked"]["after"]["worst"][name] == {
         "value": value,
         "rpm": speed,

@@ -112,9 +112,8 @@ def test_no_pair_of_disks_exceeds_the_bound_which_is_hardly_more_than_the_worst(
     dense = np.array([largest_of(speed, share) for speed in rpm])
     assert (why == "").all()
     assert (bound[:, 0] >= dense * (1 - 1e-12)).all()
-    np.testing.assert_array_less(
-        bound[:, 0], 1.0205 * dense
-    )  # 2 %, and what the grid misses
+    # 2 %, and what the grid misses.
+    np.testing.assert_array_less(bound[:, 0], 1.0205 * dense)
 
 
 def test_numbers_together_have_one_share():
@@ -129,9 +128,8 @@ def test_numbers_together_have_one_share():
     ratio = np.linspace(0.9, 1.1, 20001)
     numbers = [OWN[name] * (1.0 if name == "a|b.damping" else ratio) for name in FOUR]
     dense = np.array([torque_of(speed, *numbers).max() for speed in rpm])
-    assert (bound[:, 0] >= dense * (1 - 1e-12)).all() and (
-        bound[:, 0] < 1.0205 * dense
-    ).all()
+    assert (bound[:, 0] >= dense * (1 - 1e-12)).all()
+    assert (bound[:, 0] < 1.0205 * dense).all()
     apart, _ = bounds(
         pair(),
         rpm,
@@ -147,10 +145,8 @@ def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
     train = pair().replace({"a|b.damping": 0.0, "a|b.loss_factor": 0.0})
     known = [Tolerance(name="a|b.stiffness", low=6e3, high=7.4e3)]
     bound, why = bounds(train, [955.0, 2000.0], known, [TORQUE])
-    assert (
-        np.isnan(bound[0, 0])
-        and why[0, 0] == "no bound was found, as at a resonance without damping"
-    )
+    assert np.isnan(bound[0, 0])
+    assert why[0, 0] == "no bound was found, as at a resonance without damping"
     assert (
         bound[1, 0]
         >= torque_of(2000.0, np.linspace(6e3, 7.4e3, 2001), 0.0, 0.0, 1.0).max()
@@ -160,7 +156,8 @@ def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
 def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
     matrices = np.array([[[2.0, 0.0], [0.0, 4.0]], [[1.0, 1.0], [1.0, 1.0]]])
     found, good = _solved(matrices, np.ones((2, 2, 1)))
-    assert good.tolist() == [True, False] and found[..., 0].tolist() == [
+    assert good.tolist() == [True, False]
+    assert found[..., 0].tolist() == [
         [0.5, 0.25],
         [0.0, 0.0],
     ]
@@ -179,7 +176,8 @@ def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
         train, [955.0], [Tolerance(name="a|b.stiffness", low=0.0, high=1e4)], [TORQUE]
     )
     dense = torque_of(955.0, np.linspace(0.0, 1e4, 100001), 4.0, 0.0, 1.0).max()
-    assert why[0, 0] == "" and dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
+    assert why[0, 0] == ""
+    assert dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
 
 
 def sampled(train, rpm, tolerances, of, count, seed=0):
@@ -254,7 +252,8 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
     bound, why = bounds(train, [rpm], known, of)
     assert (why == "").all()
     values = sampled(train, rpm, known, of, 2048)
-    assert np.isfinite(values).all() and (values <= bound[0] * (1 + 1e-9)).all()
+    assert np.isfinite(values).all()
+    assert (values <= bound[0] * (1 + 1e-9)).all()
     np.testing.assert_array_less(bound[0], 1.05 * values.max(0))
 
 
@@ -299,12 +298,15 @@ def test_teeth_that_part_in_one_corner_leave_no_bound():
             for one in corners
         ]
 
-    assert apart(0.05) == [False, True, False, False] and apart(0.02) == [False] * 4
+    assert apart(0.05) == [False, True, False, False]
+    assert apart(0.02) == [False] * 4
     bound, why = bounds(train, [rpm], known(0.05), [FORCE])
-    assert np.isnan(bound[0, 0]) and why[0, 0] == "teeth of a|b may separate"
+    assert np.isnan(bound[0, 0])
+    assert why[0, 0] == "teeth of a|b may separate"
     bound, why = bounds(train, [rpm], known(0.02), [FORCE])
     values = sampled(train, rpm, known(0.02), [FORCE], 508)
-    assert why[0, 0] == "" and values.max() <= bound[0, 0] < 1.05 * values.max()
+    assert why[0, 0] == ""
+    assert values.max() <= bound[0, 0] < 1.05 * values.max()
 
 
 def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
@@ -313,9 +315,8 @@ def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
         parting(), rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known, harmonics=32
     )
     assert found.no_bound[:, 0].tolist() == ["", "teeth of a|b may separate"]
-    assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[
-        0, 0
-    ] and np.isnan(found.bound[1, 0])
+    assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[0, 0]
+    assert np.isnan(found.bound[1, 0])
     text = "\n\n".join(tolerance_parts(found, None))
     assert (
         "more than stands under 'at most', as long as its teeth stay in contact" in text
@@ -330,7 +331,8 @@ def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
     assert [row["no bound"] for row in rows] == [
         "",
         "teeth of a|b may separate",
-    ] and np.isnan(rows[1]["bound"])
+    ]
+    assert np.isnan(rows[1]["bound"])
 
 
 def test_backlash_in_a_closed_loop_preloads_the_teeth():
@@ -431,9 +433,8 @@ def test_what_cannot_be_bounded_says_why():
         tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)],
         bounds=False,
     )
-    assert (
-        np.isnan(found.bound).all() and found.no_bound[0, 0] == "it was not asked for"
-    )
+    assert np.isnan(found.bound).all()
+    assert found.no_bound[0, 0] == "it was not asked for"
 
 
 def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
@@ -452,7 +453,5 @@ def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
     assert found.worst[0, 0] > alone.worst[0, 0] == alone.nominal[0, 0]
     told = found.values(0, 0)
     own = torque_of(955.0, told["a|b.stiffness"], 4.0, 0.02, told["a.inertia"])
-    assert (
-        own == pytest.approx(found.worst[0, 0], rel=1e-5)
-        and found.worst[0, 0] <= found.bound[0, 0]
-    )
+    assert own == pytest.approx(found.worst[0, 0], rel=1e-5)
+    assert found.worst[0, 0] <= found.bound[0, 0]

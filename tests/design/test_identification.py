@@ -53,7 +53,9 @@ def test_the_numbers_of_a_closed_form_are_found_again(phases):
         pair(), rows(torque_of(RPM, *TRUE.values()), phases), parameters=PARAMETERS
     )
     np.testing.assert_allclose(found.values, list(TRUE.values()), rtol=1e-6)
-    assert found.misfit < 1e-6 and not found.open and not found.at_bound
+    assert found.misfit < 1e-6
+    assert not found.open
+    assert not found.at_bound
     assert found.train.value("b.inertia") == found.values[2]
 
 
@@ -106,7 +108,8 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
         parameters=[PARAMETERS[0], PARAMETERS[2]],
         priors={"a|b.stiffness": 50.0},
     )
-    assert not kept.open and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
+    assert not kept.open
+    assert kept.values[0] == pytest.approx(6.7e3, abs=50.0)
     assert kept.std[0] == pytest.approx(50.0, rel=0.01)
 
 
@@ -136,11 +139,9 @@ def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
         train,
         Measured(*places, ("flywheel",) * 18, ("speed",) * 18, np.abs(seen), phase),
     )
-    assert (
-        found.names[0] == names[4]
-        and found.likely == (names[4],)
-        and found.all_equal > 100
-    )
+    assert found.names[0] == names[4]
+    assert found.likely == (names[4],)
+    assert found.all_equal > 100
     assert abs(found.gas_factor[0] - 0.7) < 4 * found.std[0]
 
 
@@ -149,11 +150,9 @@ def test_a_file_is_read_with_comments_and_sums(tmp_path):
     head = "# of a run\nrpm,order,element,quantity,amplitude,phase\n"
     path.write_text(head + "900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n")
     found = read_measured(path, pair())
-    assert (
-        found.element == ("a|b", "a|b")
-        and np.isnan(found.order[1])
-        and np.isnan(found.phase[1])
-    )
+    assert found.element == ("a|b", "a|b")
+    assert np.isnan(found.order[1])
+    assert np.isnan(found.phase[1])
     fit = Fit(pair(), found, (PARAMETERS[0],), 0.03, {})
     single, total = fit.computed(np.array([0.5]))[0]
     assert abs(single) == pytest.approx(total.real)  # one order alone is excited
@@ -176,11 +175,9 @@ def test_a_measurement_has_the_same_rows_however_it_is_written(text, tmp_path):
     path = tmp_path / "measured.csv"
     path.write_bytes(text.encode())
     found = read_measured(path, pair())
-    assert (
-        found.amplitude.tolist() == [20.5, 21.0]
-        and found.phase[0] == -30.25
-        and np.isnan(found.phase[1])
-    )
+    assert found.amplitude.tolist() == [20.5, 21.0]
+    assert found.phase[0] == -30.25
+    assert np.isnan(found.phase[1])
 
 
 def test_a_fault_that_many_lines_have_is_told_once(tmp_path):
@@ -221,7 +218,8 @@ def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path
     path.write_text(text, encoding="utf-8")
     with pytest.raises(SceneError) as caught:
         read_measured(path, pair())
-    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
 
 
 def test_what_cannot_be_fitted_is_refused_in_sentences():

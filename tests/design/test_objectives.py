@@ -110,7 +110,9 @@ def test_failed_speeds_count_as_nothing_and_are_told(sweep):
 
     gradient, told = jax.jit(jax.grad(both, has_aux=True))(1.0)
     forces, count, total, largest = map(np.asarray, told)
-    assert count == 3 and forces[2] == 0 and np.isfinite(gradient)
+    assert count == 3
+    assert forces[2] == 0
+    assert np.isfinite(gradient)
     assert forces.max() <= largest <= forces.max() + 10 * np.log(3)
     assert total == pytest.approx(
         float(forces[0] + 2 * forces[1] + 4 * forces[3]), rel=ALGEBRAIC
@@ -126,7 +128,8 @@ def test_no_valid_speed_gives_zero_of_nothing(sweep):
         )
 
     found, slope = jax.jit(jax.value_and_grad(largest, has_aux=True))(1.0)
-    assert slope == 0 and [float(v) for v in found] == [0.0, 0.0]
+    assert slope == 0
+    assert [float(v) for v in found] == [0.0, 0.0]
 
 
 def test_a_mesh_without_backlash_never_parts(response):

@@ -10,9 +10,8 @@ from jaxhb import Disk, Mesh, SceneError, Shaft, Torque, build
 from jaxhb.design import Objective, Parameter, Tolerance
 from jaxhb.design.tolerances import box_of
 
-RPM = np.array(
-    [900.0, 955.0, 1200.0]
-)  # below, at and above the natural frequency of the train as it is
+# below, at and above the natural frequency of the train as it is.
+RPM = np.array([900.0, 955.0, 1200.0])
 DRIVE = 5.0  # N m
 
 
@@ -54,9 +53,8 @@ def test_the_worst_case_is_that_of_the_closed_form(found):
     np.testing.assert_allclose(
         found.nominal[:, 0], torque_of(RPM, 6.7e3, 4.0), rtol=1e-5
     )
-    np.testing.assert_allclose(
-        found.worst[:, 0], dense, rtol=1e-3
-    )  # a step that wins less ends it
+    # A step that wins less ends it.
+    np.testing.assert_allclose(found.worst[:, 0], dense, rtol=1e-3)
     own = [found.values(i, 0) for i in range(3)]
     told = [
         torque_of(rpm, own[i]["a|b.stiffness"], own[i]["a|b.damping"])
@@ -73,20 +71,16 @@ def test_slopes_are_those_of_the_closed_form(found):
     by_damping = (
         torque_of(RPM, 6.7e3, 4.0 + step) - torque_of(RPM, 6.7e3, 4.0 - step)
     ) / (2 * step)
-    expected = np.transpose(
-        [by_stiffness * 1e3, by_damping * 1.5]
-    )  # over half the range
-    np.testing.assert_allclose(
-        found.slopes[:, 0], expected, rtol=1e-5
-    )  # differences; 4096 places of the maximum
+    # Over half the range.
+    expected = np.transpose([by_stiffness * 1e3, by_damping * 1.5])
+    # differences; 4096 places of the maximum.
+    np.testing.assert_allclose(found.slopes[:, 0], expected, rtol=1e-5)
 
 
 def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(found):
-    assert (
-        found.drawn.shape == (40, 2)
-        and np.abs(found.drawn).max() <= 1.0
-        and (found.solved == 1.0).all()
-    )
+    assert found.drawn.shape == (40, 2)
+    assert np.abs(found.drawn).max() <= 1.0
+    assert (found.solved == 1.0).all()
     stiffness, damping = (found.drawn * [1e3, 1.5] + [6.7e3, 4.5]).T
     own = torque_of(RPM[:, None], stiffness, damping)
     np.testing.assert_allclose(found.samples[..., 0], own, rtol=1e-5)
@@ -107,9 +101,8 @@ def test_normal_tolerances_are_sampled_normal_and_what_belongs_together_has_one_
     )
     (one,) = found.tolerances
     assert (one.low, one.high) == (6.7e3 - 900.0, 6.7e3 + 900.0)
-    assert (
-        abs(3 * found.drawn.std() - 1.0) < 0.05
-    )  # 3 deviations are the range; cut off there, 1.3 % less
+    # 3 deviations are the range; cut off there, 1.3 % less.
+    assert abs(3 * found.drawn.std() - 1.0) < 0.05
     own = found.values(0, 0)
     assert own["a.inertia"] == pytest.approx(own["a|b.stiffness"] / 6.7e3)
 
@@ -160,6 +153,7 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
         jaxhb.tolerance(train, rpm=rpm, of=[force], bounds=False, seed=seed).worst[0, 0]
         for seed in range(4)
     ]
+    # The corner with the largest force of all 1024.
     signs = (
         -1,
         1,
@@ -171,7 +165,7 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
         -1,
         1,
         -1,
-    )  # the corner with the largest force of all 1024
+    )
     numbers = box_of(train, jaxhb.design.read_tolerances(train), [force]).named(
         np.array(signs, dtype=float)
     )
@@ -180,9 +174,8 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
         .force("crank gear", "idler")
         .half_peak_to_peak
     )
-    assert min(found) > 0.98 * float(
-        corner
-    )  # a solve is to 1 %, and the other side of the resonance 11 % lower
+    # A solve is to 1 %, and the other side of the resonance 11 % lower.
+    assert min(found) > 0.98 * float(corner)
 
 
 @pytest.mark.oracle
@@ -215,6 +208,7 @@ def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
         ]
         for seed in range(2)
     ]
+    # The largest found from a sample of 3000.
     inside = (
         -1,
         -1,
@@ -226,7 +220,7 @@ def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
         -1,
         -1,
         0.57,
-    )  # the largest found from a sample of 3000
+    )
     numbers = box_of(train, box, [force]).named(np.array(inside))
     largest = (
         jaxhb.solve(train.replace(numbers), rpm=rpm)
@@ -273,7 +267,8 @@ REFUSED = {
 def test_a_table_that_cannot_be_is_refused_in_a_sentence(sentence):
     with pytest.raises(SceneError) as caught:
         jaxhb.tolerance(pair(REFUSED[sentence]), rpm=RPM, of=[TORQUE])
-    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
 
 
 def test_dotted_keys_are_names_too():
@@ -320,9 +315,8 @@ def test_a_robust_damper_is_better_within_the_tolerances_and_worse_without(kind)
         assert robust.worst.max() < 0.97 * nominal.worst.max() < as_is.worst.max()
     else:
         assert robust.percentile(95).max() < 0.97 * nominal.percentile(95).max()
-    assert (
-        nominal.nominal.max() < robust.nominal.max()
-    )  # with just these numbers the nominal optimum is better
+    # With just these numbers the nominal optimum is better.
+    assert nominal.nominal.max() < robust.nominal.max()
     # No damping on a dense grid has a smaller worst case than that tuned for, but for
     # what a tuning leaves.
     if kind == "worst":
@@ -386,11 +380,9 @@ def test_speeds_without_a_solution_are_nan_and_not_an_error():
     found = jaxhb.tolerance(
         train, rpm=[resonance], of=[TORQUE], tolerances=known, samples=5, harmonics=4
     )
-    assert (
-        np.isnan(found.nominal).all()
-        and np.isnan(found.worst).all()
-        and (found.solved == 0).all()
-    )
+    assert np.isnan(found.nominal).all()
+    assert np.isnan(found.worst).all()
+    assert (found.solved == 0).all()
     found = jaxhb.tolerance(
         train,
         rpm=[resonance, 500.0],
@@ -399,7 +391,8 @@ def test_speeds_without_a_solution_are_nan_and_not_an_error():
         samples=5,
         harmonics=4,
     )
-    assert np.isnan(found.worst[0, 0]) and found.worst[1, 0] > found.nominal[1, 0] > 0
+    assert np.isnan(found.worst[0, 0])
+    assert found.worst[1, 0] > found.nominal[1, 0] > 0
 
 
 def test_a_robust_tuning_that_is_stopped_gives_the_best_design_so_far_and_searches_no_more():
@@ -423,5 +416,7 @@ def test_a_robust_tuning_that_is_stopped_gives_the_best_design_so_far_and_search
     tuned = jaxhb.tune(
         absorbed(), **asked, robust="worst", tolerances=known, on_step=stop
     )
-    assert tuned.interrupted and tuned.robust is None and seen.count(0) == 2
+    assert tuned.interrupted
+    assert tuned.robust is None
+    assert seen.count(0) == 2
     assert tuned.train.value("absorber.damping") != 1.0

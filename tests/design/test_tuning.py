@@ -75,12 +75,10 @@ def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(
     ).after.parameters
     stiffness = found.get("damper.stiffness", 0.0)
     damping = found["damper.damping"]
-    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(
-        peak, abs=5e-4
-    )  # four digits
-    assert zeta * damping / own["damper.damping"] == pytest.approx(
-        zeta, abs=5e-4
-    )  # three digits
+    # Four digits.
+    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)
+    # Three digits.
+    assert zeta * damping / own["damper.damping"] == pytest.approx(zeta, abs=5e-4)
     assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(tuned, abs=5e-4)
 
 
@@ -181,16 +179,16 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
         )
     )
     assert (readings["damper power"][0] > 1).any()
-    assert (
-        readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
-    )
+    assert readings["inertia added"][0] > 1e-3
+    assert readings["natural frequency"][0] < 180.0
 
 
 def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
     made, point = assessed
     solved = point.solved
     np.testing.assert_array_equal(solved, [[True] * 4, [True, True, True, False]])
-    assert np.isfinite(point.value).all() and np.isfinite(point.gradient).all()
+    assert np.isfinite(point.value).all()
+    assert np.isfinite(point.gradient).all()
     assert all(np.isfinite(reading).all() for reading in point.readings)
     forces, angles, power, added, frequency = point.readings
     smooth = 0.05 * np.log(np.where(solved, np.exp(forces / 700.0 / 0.05), 0.0).sum(1))
@@ -290,9 +288,8 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     before = found.before.readings[label]
     after = found.after.readings[label]
     assert after.max() < 0.9 * before.max()
-    assert (
-        found.after.solved | ~found.before.solved
-    ).all() and found.before.solved.all()
+    assert (found.after.solved | ~found.before.solved).all()
+    assert found.before.solved.all()
     pairs = zip(found.history, found.history[1:], strict=False)
     assert all(
         b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective)
@@ -301,7 +298,8 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     most = max(solved for *_, solved in found.outcomes)
     best = min(objective for objective, _, solved in found.outcomes if solved == most)
     winner, _, solved = found.outcomes[found.history[-1].start]
-    assert len(found.outcomes) == 2 and (winner, solved) == (best, most)
+    assert len(found.outcomes) == 2
+    assert (winner, solved) == (best, most)
     for parameter in PARAMETERS:
         assert (
             found.train.value(parameter.name) == found.after.parameters[parameter.name]
@@ -342,7 +340,8 @@ def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_a
     found = tuned(
         steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None
     )
-    assert SPEEDS[1] in asked and [step.number for step in found.history] == [
+    assert SPEEDS[1] in asked
+    assert [step.number for step in found.history] == [
         0,
         1,
         2,
@@ -397,8 +396,10 @@ def descended(optimizer, on_step=lambda step: None, evaluator=None):
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam", optax.rmsprop(0.3)])
 def test_no_step_that_loses_a_speed_is_accepted(optimizer):
     _, first, best, *_ = descended(optimizer)
-    assert best.solved.all() and (best.value < first.value).all()
-    assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
+    assert best.solved.all()
+    assert (best.value < first.value).all()
+    assert (best.z <= 1.0).all()
+    assert best.z.max(1) == pytest.approx(1.0, abs=0.05)
     assert best_of(best) == np.argmin(best.value)
 
 
@@ -443,7 +444,8 @@ def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
         jaxhb.tune(train, **asked, out=tmp_path)
     assert jaxhb.tune(train, **asked, out=tmp_path).interrupted
     again = jaxhb.tune(train, **asked, out=tmp_path)
-    assert len(calls) == whole.history[-1].evaluations + 2 and not again.interrupted
+    assert len(calls) == whole.history[-1].evaluations + 2
+    assert not again.interrupted
     assert again.after.parameters == whole.after.parameters
 
     def numbers(found):
@@ -460,7 +462,8 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
             raise KeyboardInterrupt
 
     descent, _, best, _, interrupted = descended("lbfgs", stop)
-    assert interrupted and [step.number for step in descent.history] == [0, 1]
+    assert interrupted
+    assert [step.number for step in descent.history] == [0, 1]
     assert (
         dict(enumerate(best.z[best_of(best)].tolist()))
         == descent.history[-1].parameters
@@ -493,7 +496,8 @@ def test_bad_input_is_one_clear_sentence(sentence, given):
         )
     with pytest.raises(jaxhb.SceneError) as caught:
         jaxhb.tune(hammering(), **asked)
-    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
 
 
 def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():

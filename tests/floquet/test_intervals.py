@@ -176,9 +176,8 @@ def test_loops_rings_massless_disks_and_free_rotation_are_served(grounded, monke
     ]
     train = build(parts, reference="motor")
     found, expected = both(moving(train, 900.0, 1e-4), monkeypatch)
-    assert train.topology.law_index.tolist() == [0, 1] and len(
-        found.multipliers
-    ) == len(expected)
+    assert train.topology.law_index.tolist() == [0, 1]
+    assert len(found.multipliers) == len(expected)
     assert difference(found, expected, 8) < 1e-6
     if not grounded:
         np.testing.assert_allclose(
@@ -189,7 +188,8 @@ def test_loops_rings_massless_disks_and_free_rotation_are_served(grounded, monke
 def test_modes_of_a_finely_divided_train_all_take_part(monkeypatch):
     train = refined(LIGHT_PAIR, 30)
     found, expected = both(moving(train, 900.0, 2 * PLAY), monkeypatch)
-    assert len(found.multipliers) == len(expected) == 60 and found.rotation.sum() == 2
+    assert len(found.multipliers) == len(expected) == 60
+    assert found.rotation.sum() == 2
     assert difference(found, expected, 8) < 1e-6
 
 
@@ -232,7 +232,8 @@ def test_intervals_have_twice_the_order_of_their_polynomials(monkeypatch):
     """Eight with four degrees, where slopes are smooth."""
     coarse = mathieu(monkeypatch, 4)
     fine = mathieu(monkeypatch, 8)
-    assert fine < 1e-5 and np.log2(coarse / fine) > 2 * intervals.DEGREES - 1
+    assert fine < 1e-5
+    assert np.log2(coarse / fine) > 2 * intervals.DEGREES - 1
     assert mathieu(monkeypatch, 32) < 1e-9
 
 

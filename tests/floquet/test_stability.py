@@ -29,9 +29,8 @@ def one_mass(**changes):
 
 def of_teeth(response):
     found = jaxhb.stability(response)
-    assert (
-        abs(found.liouville) < 1e-9
-    )  # intervals are of high order, not exact: the dense equation leaves 1e-10
+    # Intervals are of high order, not exact: the dense equation leaves 1e-10.
+    assert abs(found.liouville) < 1e-9
     return found.multipliers[~found.rotation]
 
 
@@ -81,10 +80,8 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
             )
             if response.status <= 1:
                 break
-        assert (
-            response.status <= 1
-            and abs(response.deflection("a", "b").max - row["max"]) < 1e-3
-        )
+        assert response.status <= 1
+        assert abs(response.deflection("a", "b").max - row["max"]) < 1e-3
         moduli = np.sort(np.abs(of_teeth(response)))
         np.testing.assert_allclose(
             moduli, np.sort(row["floquet_abs"]), rtol=0, atol=1e-9
@@ -104,7 +101,8 @@ def test_a_train_that_floats_has_a_double_root_of_one():
     ``tests/solutions/test_gear_train_30.py``.
     """
     found = jaxhb.stability(floating())
-    assert abs(found.liouville) < 1e-10 and found.stable
+    assert abs(found.liouville) < 1e-10
+    assert found.stable
     np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
 
 
@@ -214,9 +212,9 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     np.testing.assert_allclose(
         np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7
     )
-    assert (
-        abs(found.liouville) < 1e-9 and found.stable
-    )  # rounding of a logarithm of -29,000
+    # Rounding of a logarithm of -29,000.
+    assert abs(found.liouville) < 1e-9
+    assert found.stable
 
 
 def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
@@ -238,12 +236,10 @@ def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
     monkeypatch.setattr(stability, "DENSE_DISKS", 2)
     attracting, found, why = stability.attracts(rattling())
-    assert (
-        attracting is None
-        and found is None
-        and "stability would take" in why
-        and "intervals a cycle" in why
-    )
+    assert attracting is None
+    assert found is None
+    assert "stability would take" in why
+    assert "intervals a cycle" in why
     monkeypatch.setattr(stability, "DISKS", 2)
     assert (
         "has 3 disks, and stability is decided for up to 2"
@@ -274,11 +270,9 @@ def test_how_stability_is_lost_is_named(critical, name, words):
     multipliers = np.array([5.0, *critical, 0.1], dtype=complex)
     rotation = np.arange(len(multipliers)) == 0
     found = Stability(multipliers, rotation, 0.0)
-    assert (
-        found.loses_by == name
-        and found.stable == (name is None)
-        and words in str(found)
-    )
+    assert found.loses_by == name
+    assert found.stable == (name is None)
+    assert words in str(found)
     assert found.largest == abs(critical[0])
 
 

@@ -58,9 +58,8 @@ def mathieu(steps):
 
 
 def test_the_damped_mathieu_equation_is_solved_to_rounding():
-    assert (
-        mathieu(1) < 1e-8
-    )  # as many steps as the norm of the matrix asks for, three a cycle
+    # As many steps as the norm of the matrix asks for, three a cycle.
+    assert mathieu(1) < 1e-8
     assert mathieu(16) < 1e-12
 
 

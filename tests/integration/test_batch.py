@@ -130,12 +130,10 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
         whole = marched((8,), recorded)
         held = executables(recording.march)
         parted = marched((3, 1, 4), recorded)
-        assert (
-            executables(recording.march) == held and parted.cycles == whole.cycles == 8
-        )
-        assert np.array_equal(parted.state, whole.state) and np.array_equal(
-            parted.trace, whole.trace
-        )
+        assert executables(recording.march) == held
+        assert parted.cycles == whole.cycles == 8
+        assert np.array_equal(parted.state, whole.state)
+        assert np.array_equal(parted.trace, whole.trace)
         assert np.array_equal(parted.closure.cycles, whole.closure.cycles)
     for name in ("max", "min", "mean", "square", "impacts"):
         assert np.array_equal(

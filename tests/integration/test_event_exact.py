@@ -38,9 +38,8 @@ def test_published_motions_are_found_with_their_multipliers_extremes_and_amplitu
     assert -1e-13 < found.maximum - row["max"] < 5e-8
     assert -1e-13 < row["min"] - found.minimum < 5e-8
     amplitudes = 2 * np.abs(np.fft.rfft(samples(pair, found.state, 512)))[1:7] / 512
-    np.testing.assert_allclose(
-        amplitudes, row["amp_h"], atol=1e-6
-    )  # aliases of 512 samples: a spectrum like n^-3
+    # Aliases of 512 samples: a spectrum like n^-3.
+    np.testing.assert_allclose(amplitudes, row["amp_h"], atol=1e-6)
 
 
 def adaptive(pair, state, end):
@@ -71,12 +70,13 @@ def adaptive(pair, state, end):
     piece = int(np.sign(state[0])) if abs(state[0]) > 1 else 0
     while t < end:
         events = [knot(piece, -piece)] if piece else [knot(1, 1), knot(-1, -1)]
+        # No two crossings in a step.
         options = {
             "method": "DOP853",
             "rtol": 1e-12,
             "atol": 1e-13,
             "max_step": 0.1,
-        }  # no two crossings in a step
+        }
         run = solve_ivp(field, (t, end), state, args=(piece,), events=events, **options)
         t, state = run.t[-1], run.y[:, -1]
         if run.status == 1:

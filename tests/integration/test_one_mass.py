@@ -54,7 +54,9 @@ def exact(steps):
 
 def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_three():
     errors = exact(4096)
-    assert errors[:2].max() < 2e-9 and errors[2] < 1e-5 and errors[3] < 1e-11
+    assert errors[:2].max() < 2e-9
+    assert errors[2] < 1e-5
+    assert errors[3] < 1e-11
     assert np.log2(exact(256)[:2] / errors[:2]).min() / 4 > 2.7
 
 

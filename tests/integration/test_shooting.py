@@ -64,9 +64,10 @@ def test_room_for_more_steps_changes_nothing():
         np.testing.assert_allclose(
             found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0
         )
+        # A difference of the motion.
         np.testing.assert_allclose(
             found.periodicity_error, wanted.periodicity_error, rtol=1e-6
-        )  # a difference of the motion
+        )
 
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():

@@ -145,9 +145,11 @@ def test_a_floating_train_is_the_limit_of_a_soft_ground():
 def test_a_march_ends_where_a_cycle_closes_or_after_so_many():
     stepper = stepper_of(posed(pair(), HAMMERING_RPM), 1000)
     _, trace, done = march(stepper, stepper.flank_state, tolerance=1e-6, max_cycles=3)
-    assert done == 3 and trace.periodicity_error > 1e-6
+    assert done == 3
+    assert trace.periodicity_error > 1e-6
     _, trace, done = march(stepper, stepper.flank_state, tolerance=1e-6, max_cycles=300)
-    assert done < 300 and trace.periodicity_error <= 1e-6
+    assert done < 300
+    assert trace.periodicity_error <= 1e-6
 
 
 def massless_pair(inertia, damping, grounded=True):
@@ -206,11 +208,9 @@ def test_a_floating_train_with_a_damped_massless_disk_is_closed(floating):
     its backlash.
     """
     found = shooting_correction(floating)
-    assert (
-        floating.residual < 1e-10
-        and found.orbit.settled
-        and np.all(found.orbit.separated > 0.1)
-    )
+    assert floating.residual < 1e-10
+    assert found.orbit.settled
+    assert np.all(found.orbit.separated > 0.1)
     assert abs(found.error - floating.truncation_error) < 0.3 * found.error
     turned = dataclasses.replace(
         floating, angles=floating.angles + 1e10 * (np.arange(97) == 0)
@@ -330,6 +330,5 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
     assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(
         difference
     )
-    np.testing.assert_allclose(
-        end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max()
-    )  # the step squared
+    # The step squared.
+    np.testing.assert_allclose(end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max())

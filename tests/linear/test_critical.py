@@ -35,9 +35,8 @@ def test_an_order_tuned_ring_holds_its_disk_still_where_the_rest_vibrates_at_its
     found = campbell(pendulum(), rpm=np.linspace(600.0, 4000.0, 5).tolist())
     (at,) = [c for c in found.critical if c.order == 3.0]
     hz = math.sqrt(PENDULUM["stiffness"] / PENDULUM["load"]) / (2 * math.pi)
-    assert at.hz == pytest.approx(hz, rel=1e-9) and at.rpm == pytest.approx(
-        20 * hz, rel=1e-9
-    )
+    assert at.hz == pytest.approx(hz, rel=1e-9)
+    assert at.rpm == pytest.approx(20 * hz, rel=1e-9)
     modes = jaxhb.natural_frequencies(pendulum().with_constant_links(rpm=at.rpm))
     assert modes.frequencies_hz[at.mode] == pytest.approx(hz, rel=1e-9)
     assert abs(modes.shape(at.mode)["crank"]) < 1e-8
@@ -59,17 +58,16 @@ def test_links_held_at_one_speed_have_horizontal_lines_and_torques_tell_their_or
 
 
 def test_rigid_modes_and_rings_alone_have_no_critical_speed():
-    train = jaxhb.load_scene(
-        "gear_train_30"
-    )  # a soft ground makes its rigid mode one of 0.02 Hz
+    # A soft ground makes its rigid mode one of 0.02 Hz.
+    train = jaxhb.load_scene("gear_train_30")
     found = campbell(train, rpm=[1.0, 30.0], orders=[0.1, 1.0])
-    assert found.kinds[0] == "rigid" and 0 < found.frequencies_hz[0, 0] < 0.1
+    assert found.kinds[0] == "rigid"
+    assert 0 < found.frequencies_hz[0, 0] < 0.1
     assert all(c.mode > 0 for c in found.critical)
     train = jaxhb.load_scene("engine_with_damper")
     kinds = mode_kinds(jaxhb.natural_frequencies(train), train.topology.damper_names)
-    assert kinds[:3] == ("rigid", "ring only", "elastic") and set(kinds[2:]) == {
-        "elastic"
-    }
+    assert kinds[:3] == ("rigid", "ring only", "elastic")
+    assert set(kinds[2:]) == {"elastic"}
 
 
 @pytest.mark.parametrize(
@@ -136,11 +134,10 @@ def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
         .torque("b", "wheel")
         .order(15.0)
     )
-    assert (
-        float(response.torque("b", "wheel").order(15.0))
-        == pytest.approx(float(wide), rel=1e-9)
-        and float(wide) > 0
+    assert float(response.torque("b", "wheel").order(15.0)) == pytest.approx(
+        float(wide), rel=1e-9
     )
+    assert float(wide) > 0
 
 
 def test_a_four_stroke_keeps_its_orders_to_12():

@@ -58,14 +58,14 @@ def test_damped_modes_are_the_eigenvalues_of_the_dense_companion():
     modes = damped_modes(build(parts, reference="motor"))
     wanted = companion(parts)
     wanted = wanted[wanted.imag > 0.01 * np.abs(wanted).clip(min=1.0)]
+    # Condition of both.
     np.testing.assert_allclose(
         modes.eigenvalues, wanted[np.argsort(wanted.imag)], rtol=1e-9
-    )  # condition of both
+    )
     M = np.diag(inertia_of(parts))
     for value, shape in zip(modes.eigenvalues, modes.shapes, strict=True):
-        Z = dense.dynamic_stiffness(
-            parts, 1e-30
-        )  # with the loss factors, at a frequency that is not the mean
+        # With the loss factors, at a frequency that is not the mean.
+        Z = dense.dynamic_stiffness(parts, 1e-30)
         B = (dense.dynamic_stiffness(parts, 1.0) - Z).imag
         rest = value**2 * (M @ shape) + value * (B @ shape) + Z @ shape
         assert np.abs(rest).max() < 1e-10 * (np.abs(Z) @ np.abs(shape)).max()
@@ -93,9 +93,10 @@ def test_damped_eigenvalues_have_the_derivatives_of_differences():
         np.zeros(1),
         np.array([1e-3]),
     )[0]
+    # Of the QZ method.
     noise = (
         1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / np.abs(modes.eigenvalues) / 1e-3
-    )  # of the QZ method
+    )
     assert (np.abs(slopes - wanted) <= GRADIENT * np.abs(wanted) + noise).all()
 
 
@@ -110,9 +111,8 @@ def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
     limit = companion(parts(1e-9))
     nearest = [limit[np.abs(limit - value).argmin()] for value in found.eigenvalues]
     assert len(found.eigenvalues) == 1
-    np.testing.assert_allclose(
-        found.eigenvalues, nearest, rtol=1e-7
-    )  # first order in the inertia left out
+    # First order in the inertia left out.
+    np.testing.assert_allclose(found.eigenvalues, nearest, rtol=1e-7)
     for rate in found.decay_rates:
         assert np.abs(limit + rate).min() < 1e-6 * rate
 
@@ -128,9 +128,8 @@ def pair(**link):
 def test_damping_ratios_and_decay_rates_are_those_of_the_closed_form():
     for r, ratio in ((2.0, 0.1), (10.0, 0.5)):
         modes = pair(damping=r)
-        np.testing.assert_allclose(
-            modes.damping_ratio, [ratio], rtol=ALGEBRAIC
-        )  # r / sqrt(2 k J)
+        # R / sqrt(2 k J).
+        np.testing.assert_allclose(modes.damping_ratio, [ratio], rtol=ALGEBRAIC)
         np.testing.assert_allclose(
             2 * np.pi * modes.frequencies_hz, 10 * np.sqrt(1 - ratio**2), rtol=ALGEBRAIC
         )
@@ -163,9 +162,8 @@ def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
     modes = damped_modes(train)
     omega = np.sqrt(k / J)
     np.testing.assert_allclose(modes.eigenvalues.imag, [omega], rtol=ALGEBRAIC)
-    np.testing.assert_allclose(
-        modes.decay_rates, [relaxation], rtol=1e-3
-    )  # QZ rounds to omega, 1e-11 of it
+    # QZ rounds to omega, 1e-11 of it.
+    np.testing.assert_allclose(modes.decay_rates, [relaxation], rtol=1e-3)
     ratio = jaxhb.damping_ratios(train, jaxhb.natural_frequencies(train))
     np.testing.assert_allclose(
         ratio[1:], [omega / (2 * relaxation)], rtol=0, atol=10 * np.finfo(float).eps

@@ -74,12 +74,13 @@ def test_amplitudes_are_those_of_dense_matrices(case):
                 for n in range(1, found.harmonics + 1)
             ]
         ).T
+        # Condition.
         np.testing.assert_allclose(
             found.angles[row][:, 1:],
             wanted,
             rtol=0,
             atol=30 * ALGEBRAIC * np.abs(wanted).max(),
-        )  # condition
+        )
         links = {
             (p.disk, p.name) if isinstance(p, Damper) else p.between: (p, r)
             for p, r in dense.links(parts)
@@ -112,7 +113,8 @@ def test_power_is_the_mean_of_torque_times_speed_and_what_the_torques_bring_in(c
     parts, train, found = case
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
-    assert (found.link_power >= 0).all() and (found.disk_power >= 0).all()
+    assert (found.link_power >= 0).all()
+    assert (found.disk_power >= 0).all()
     omega = np.array(train.topology.cycle_frequency(SPEEDS))[:, None] * np.arange(
         found.harmonics + 1
     )
@@ -151,14 +153,14 @@ def test_it_is_the_periodic_response_of_the_same_train():
         np.testing.assert_allclose(
             a, b, rtol=0, atol=1e-11 * np.abs(b).max(initial=0.0)
         )
-    assert found.converged.all() and found.residual.max() < 1e-11
+    assert found.converged.all()
+    assert found.residual.max() < 1e-11
 
 
 def test_speeds_beyond_a_group_are_those_of_one_by_one():
     train = jaxhb.load_scene("six_cylinder_diesel")
-    rpm = np.linspace(
-        600.0, 2600.0, 47
-    )  # 24 half orders: groups of 19, the last one padded
+    # 24 half orders: groups of 19, the last one padded.
+    rpm = np.linspace(600.0, 2600.0, 47)
     sweep = jaxhb.forced_response(train, rpm=rpm)
     for row in (18, 19, 46):
         one = jaxhb.forced_response(train, rpm=rpm[row])

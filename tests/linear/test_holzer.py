@@ -21,11 +21,13 @@ def test_published_tables_of_three_disks():
     train = build(chain_parts(entry["model"]["J"], entry["model"]["k"]))
     for printed in entry["published_holzer"]:
         table = holzer_table(train, hz=printed["omega"] / (2 * np.pi))
+        # Three digits.
         np.testing.assert_allclose(
             table.ordinate, printed["theta"], rtol=0, atol=5.1e-4
-        )  # three digits
+        )
         np.testing.assert_allclose(table.torque_sum, printed["torque"], rtol=5e-4)
-        assert table.names == ("1", "2", "3") and table.links == ("1|2", "2|3", "")
+        assert table.names == ("1", "2", "3")
+        assert table.links == ("1|2", "2|3", "")
         np.testing.assert_allclose(
             table.torque_sum, np.cumsum(table.torque), rtol=1e-11
         )
@@ -77,9 +79,8 @@ def test_the_residual_is_the_torque_that_makes_the_motion(parts):
         }
         for link, twist in zip(table.links[:-1], table.twist, strict=False):
             if link != "ring":
-                np.testing.assert_allclose(
-                    abs(twist), abs(deflection[link]), rtol=1e-9
-                )  # a difference there
+                # A difference there.
+                np.testing.assert_allclose(abs(twist), abs(deflection[link]), rtol=1e-9)
         assert table.ordinate[table.names.index(names[0])] == pytest.approx(1.0)
 
 
@@ -88,7 +89,8 @@ def test_residual_vanishes_at_every_natural_frequency_and_is_a_polynomial_withou
     found = jaxhb.natural_frequencies(train).frequencies_hz[2:]
     around = np.sort(np.concatenate([0.999 * found, 1.001 * found]))
     sign = np.sign(holzer_residual(train, hz=around)).reshape(-1, 2)
-    assert (sign[:, 0] == -sign[:, 1]).all() and (sign[:-1, 1] == sign[1:, 0]).all()
+    assert (sign[:, 0] == -sign[:, 1]).all()
+    assert (sign[:-1, 1] == sign[1:, 0]).all()
 
 
 def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
@@ -104,11 +106,9 @@ def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
     ]
     table = holzer_table(build([*hub, *shafts, *more]), hz=3.0 / (2 * np.pi))
     values = dict(zip(table.names, table.ordinate, strict=True))
-    assert (
-        np.isfinite(table.ordinate).all()
-        and abs(values["hub"]) < ALGEBRAIC
-        and abs(table.residual) < 1e-11
-    )
+    assert np.isfinite(table.ordinate).all()
+    assert abs(values["hub"]) < ALGEBRAIC
+    assert abs(table.residual) < 1e-11
 
 
 def test_a_closed_loop_is_refused_by_name():
@@ -214,8 +214,6 @@ def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
         motion = np.zeros(len(names))
         motion[[names.index(name) for name in table.names]] = table.ordinate
         left = dense.dynamic_stiffness(parts, np.sqrt(9.0 / 2.0)).real @ motion
-        assert (
-            np.abs(left).max() <= 1e-9 * np.abs(table.torque).max()
-            and np.abs(motion).max() >= 1.0
-        )
+        assert np.abs(left).max() <= 1e-9 * np.abs(table.torque).max()
+        assert np.abs(motion).max() >= 1.0
         assert abs(motion[0]) < 1e-9

@@ -86,10 +86,8 @@ def test_soft_mode_of_a_closed_loop_keeps_its_digits():
     square = Fraction(omega[1]) ** 2
     near = Fraction(2e-9)
     assert omega[0] == 0.0
-    assert (
-        negative_pivots(parts, square * (1 - near)) == 1
-        and negative_pivots(parts, square * (1 + near)) == 2
-    )
+    assert negative_pivots(parts, square * (1 - near)) == 1
+    assert negative_pivots(parts, square * (1 + near)) == 2
 
 
 @pytest.mark.parametrize(
@@ -146,7 +144,8 @@ def test_part_behind_a_viscous_link_has_a_rigid_mode_of_its_own_that_rests_elsew
     ring = modes.names.index("viscous ring")
     assert modes.frequencies_hz[1] == 0.0 < modes.frequencies_hz[2]
     np.testing.assert_array_equal(modes.shapes[1], np.arange(len(modes.names)) == ring)
-    assert modes.shapes[0, ring] == 0.0 and modes.node_count[:2].tolist() == [0, 0]
+    assert modes.shapes[0, ring] == 0.0
+    assert modes.node_count[:2].tolist() == [0, 0]
     speeds = {"motor": 1.0, "lay 2": 0.05 / 0.10, "mill": 0.05 / 0.10 * 0.06 / 0.09}
     for disk, ratio in speeds.items():
         np.testing.assert_allclose(modes.shape(0)[disk], ratio, rtol=ALGEBRAIC)
@@ -159,9 +158,8 @@ def test_nodes_of_a_chain_count_its_modes_and_a_ring_has_two_more_with_each_pair
         jaxhb.natural_frequencies(build(parts)).node_count, np.arange(12)
     )
     symmetric = jaxhb.natural_frequencies(build(chain_parts([1.0] * 5, [1.0] * 4)))
-    np.testing.assert_array_equal(
-        symmetric.node_count, np.arange(5)
-    )  # the middle disk lies in a node
+    # The middle disk lies in a node.
+    np.testing.assert_array_equal(symmetric.node_count, np.arange(5))
     ring = [
         *chain_parts([1.0] * 6, [1.0] * 5),
         Shaft(between=("1", "6"), stiffness=1.0),
@@ -228,19 +226,19 @@ def test_soft_links_of_a_long_chain_keep_their_digits():
         for found in (all_frequencies(train)[:4], modes.frequencies_hz):
             assert found[0] == 0.0
             for hz in found[1:]:
+                # Twice that of omega.
                 square, near = (
                     Decimal(2 * np.pi * hz) ** 2,
                     Decimal("2e-13"),
-                )  # twice that of omega
+                )
                 low, high = (
                     holzer_sum(inertia, stiffness, square * (1 + sign * near))
                     for sign in (-1, 1)
                 )
                 assert low * high < 0
     soft = modes.strain_share[1:3, [200, 450]].sum(1)
-    np.testing.assert_allclose(
-        soft, 1.0, atol=1e-5
-    )  # the stiff links between have the rest
+    # The stiff links between have the rest.
+    np.testing.assert_allclose(soft, 1.0, atol=1e-5)
 
 
 def test_arrays_of_jax_make_no_difference():
@@ -250,4 +248,5 @@ def test_arrays_of_jax_make_no_difference():
     for modes in (jaxhb.natural_frequencies, jaxhb.damped_modes):
         a = modes(train).shapes
         b = modes(changed).shapes
-        assert isinstance(b, np.ndarray) and np.array_equal(a, b)
+        assert isinstance(b, np.ndarray)
+        assert np.array_equal(a, b)

@@ -181,9 +181,10 @@ def test_case_c_damped_approximation_and_its_error():
     exact, approximate = (
         complex_numbers([expected[key]])[0] for key in ("exact", "approx")
     )
+    # R = D / p^2.
     np.testing.assert_allclose(
         found.exact.value()[0] / -(omega**2), exact, rtol=ALGEBRAIC
-    )  # R = D / p^2
+    )
     np.testing.assert_allclose(
         found.approximate.value()[0] / -(omega**2), approximate, rtol=ALGEBRAIC
     )
@@ -231,10 +232,11 @@ def test_derivatives_beside_a_root_are_those_of_two_disks():
         )
 
     slopes = jax.jit(jax.grad(value, (0, 1)))(120.0, omega)
+    # D = omega^4 - omega^2 k 5/6.
     wanted = (
         -(omega**2) * 5 / 6,
         4 * omega**3 - 2 * omega * 100.0,
-    )  # D = omega^4 - omega^2 k 5/6
+    )
     np.testing.assert_allclose(slopes, wanted, rtol=ALGEBRAIC)
 
 

@@ -78,9 +78,8 @@ def test_sums_over_repeated_frequencies_have_the_derivatives_of_differences():
     for key, slope in slopes.items():
         up = of_host({key: 1 + h})
         down = of_host({key: 1 - h})
-        np.testing.assert_allclose(
-            slope, (up - down) / (2 * h), rtol=0, atol=2e-6
-        )  # h^2 of the third derivative
+        # h^2 of the third derivative.
+        np.testing.assert_allclose(slope, (up - down) / (2 * h), rtol=0, atol=2e-6)
 
 
 def test_viscous_link_has_a_derivative_to_its_stiffness_of_zero():
@@ -91,6 +90,5 @@ def test_viscous_link_has_a_derivative_to_its_stiffness_of_zero():
     slope = jax.jit(
         jax.grad(lambda s: frequencies_hz(train.replace({"ring.stiffness": s}))[2])
     )(0.0)
-    np.testing.assert_allclose(
-        slope, 0.5 / (2 * 10.0) / (2 * np.pi), rtol=1e-11
-    )  # phi1^2 = 1/2, d omega = / (2 omega)
+    # phi1^2 = 1/2, d omega = / (2 omega).
+    np.testing.assert_allclose(slope, 0.5 / (2 * 10.0) / (2 * np.pi), rtol=1e-11)

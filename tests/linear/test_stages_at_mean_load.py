@@ -16,11 +16,12 @@ from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.report.text.linear import approximations
 
 RATTLE = Path(__file__).parents[1] / "data" / "scenes" / "idle_rattle.toml"
+# N m/rad, and deg at which the second stage begins.
 FIRST, SECOND, TWIST = (
     20.0,
     600.0,
     4.0,
-)  # N m/rad, and deg at which the second stage begins
+)
 INERTIA = 0.15, 0.005
 
 
@@ -159,7 +160,8 @@ def test_what_is_an_approximation_is_told_with_its_element():
         for text in approximations(shaken, response.rpm, response)
         if "leaves this stage" in text
     ]
-    assert crossing.startswith("disc: ") and "at 1660 rpm" in crossing
+    assert crossing.startswith("disc: ")
+    assert "at 1660 rpm" in crossing
     assert "no load balances" in " ".join(
         approximations(jaxhb.load_scene(RATTLE).without("flywheel:load"))
     )
@@ -228,9 +230,8 @@ def test_links_of_more_than_1000_disks_are_taken_at_their_mean_load(loop):
     assert 10 < beyond.sum() < staged.sum()
     sharp = np.where(beyond, (stiffness - second) * knee * np.sign(twist), 0.0)
     sharp += np.where(beyond, second, stiffness) * twist
-    np.testing.assert_allclose(
-        load.torque, sharp[staged], rtol=0.02, atol=0.1
-    )  # knees are rounded
+    # Knees are rounded.
+    np.testing.assert_allclose(load.torque, sharp[staged], rtol=0.02, atol=0.1)
     slope = stiffness.copy()
     offset = np.zeros(len(pairs))
     slope[staged] = load.link_stiffness

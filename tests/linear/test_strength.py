@@ -156,7 +156,8 @@ def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
     np.testing.assert_array_equal(
         tooth.reverses, (force.min(-1) < 0) & (force.max(-1) > 0)
     )
-    assert tooth.limit == pytest.approx(100.0) and 0 < tooth.reverses.sum() < len(RPM)
+    assert tooth.limit == pytest.approx(100.0)
+    assert 0 < tooth.reverses.sum() < len(RPM)
     for name in ("coupling", "ring"):
         np.testing.assert_allclose(
             found.heat[name].power, response.power(name), rtol=1e-9
@@ -181,23 +182,20 @@ def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
     ]
     train = build([*parts, Torque(disk="a", harmonics=((1.0, 10.0, 0.0),))])
     found = jaxhb.strength(jaxhb.forced_response(train, rpm=300.0))
-    assert (
-        list(found.stresses) == ["a|b"]
-        and found.stresses["a|b"].continuous is None
-        and not found.barred
-    )
+    assert list(found.stresses) == ["a|b"]
+    assert found.stresses["a|b"].continuous is None
+    assert not found.barred
     assert strength.section(train, "a|b") == (0.06, 0.02)
 
 
 def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_more():
     train = jaxhb.load_scene("spur_pair")
-    assert train.topology.link_keys == () and train.topology.rated_rpm is None
+    assert train.topology.link_keys == ()
+    assert train.topology.rated_rpm is None
     assert not jaxhb.strength(jaxhb.forced_response(train, rpm=1500.0))
-    assert (
-        train.shafts.outer is None
-        and train.meshes.magnifier is None
-        and train.dampers.power_limit is None
-    )
+    assert train.shafts.outer is None
+    assert train.meshes.magnifier is None
+    assert train.dampers.power_limit is None
 
 
 def test_a_response_without_a_train_needs_one(response):
@@ -233,9 +231,8 @@ def test_above_the_rule_the_share_and_its_derivative_are_0():
         }
         return 3e7 / jax.numpy.stack(jaxhb.permissible_stress(**given))
 
-    assert not shares(1.1, 0.5).any() and not np.any(
-        jax.jacrev(shares, (0, 1))(1.1, 0.5)
-    )
+    assert not shares(1.1, 0.5).any()
+    assert not np.any(jax.jacrev(shares, (0, 1))(1.1, 0.5))
 
 
 def test_a_steady_state_is_judged_as_the_motion_that_it_is(response):

@@ -40,13 +40,11 @@ def test_a_loaded_mesh_has_its_full_stiffness_an_idle_one_that_of_the_gap():
     drop = STIFFNESS * (1 - EPSILON)
     loaded = at_mean_load(pair(1000.0), rpm=1000.0)
     idle = at_mean_load(pair(2.0), rpm=1000.0)
-    assert loaded.force == pytest.approx(
-        [1000.0], rel=1e-9
-    ) and loaded.stiffness.tolist() == [STIFFNESS]
+    assert loaded.force == pytest.approx([1000.0], rel=1e-9)
+    assert loaded.stiffness.tolist() == [STIFFNESS]
     assert idle.force == pytest.approx([2.0], rel=1e-9)
-    assert idle.stiffness.tolist() == [
-        EPSILON * STIFFNESS
-    ] and idle.engagement.tolist() == [0.0]
+    assert idle.stiffness.tolist() == [EPSILON * STIFFNESS]
+    assert idle.engagement.tolist() == [0.0]
     u = 0.3 * width
     force = EPSILON * STIFFNESS * (half + u) + drop * u**2 / (2 * width)
     between = at_mean_load(pair(force), rpm=1000.0)
@@ -59,9 +57,8 @@ def test_a_loaded_mesh_has_its_full_stiffness_an_idle_one_that_of_the_gap():
 @pytest.mark.parametrize("force", [0.0, 1e-3, 5.0, -300.0, 1e5])
 def test_a_gap_without_stiffness_carries_nothing_and_its_flank_the_load(force):
     found = at_mean_load(pair(force, epsilon=0.0), rpm=1000.0)
-    u = min(
-        math.sqrt(2 * TRANSITION * GAP * abs(force) / STIFFNESS), TRANSITION * GAP
-    )  # F = c u^2 / (2 tau h)
+    # F = c u^2 / (2 tau h).
+    u = min(math.sqrt(2 * TRANSITION * GAP * abs(force) / STIFFNESS), TRANSITION * GAP)
     assert found.force == pytest.approx([force], rel=1e-9)
     assert found.stiffness == pytest.approx(
         [STIFFNESS * u / (TRANSITION * GAP)], rel=1e-6
@@ -109,7 +106,8 @@ def test_in_a_closed_loop_the_mesh_with_less_backlash_carries_more():
     parts += [jaxhb.Torque(disk="a1", mean=1000.0), jaxhb.Load(disk="b2")]
     found = at_mean_load(jaxhb.build(parts, reference="a1"), rpm=1000.0)
     tight, slack = found.force
-    assert tight + slack == pytest.approx(1000.0 / 0.1, rel=1e-9) and tight > slack > 0
+    assert tight + slack == pytest.approx(1000.0 / 0.1, rel=1e-9)
+    assert tight > slack > 0
     through = (1000.0 - 0.1 * tight) / 1e5, 0.1 * tight / 1e5  # twists of the shafts
     deflection = [
         force / STIFFNESS + (1 - EPSILON) * h / 2

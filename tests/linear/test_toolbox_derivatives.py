@@ -136,9 +136,8 @@ def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differe
             slopes, differences(searched, at, 1e-3 * at).T, strict=True
         ):
             compare(slope * at, expected * at, GRADIENT)
-    check_derivative(
-        lambda v: jax.jacfwd(value)(v)[::2].ravel() * jnp.tile(at, 2), at
-    )  # second ones, of the last
+    # Second ones, of the last.
+    check_derivative(lambda v: jax.jacfwd(value)(v)[::2].ravel() * jnp.tile(at, 2), at)
 
 
 def at_mean_load(keys, values):
@@ -194,12 +193,10 @@ def test_barred_ranges_have_the_derivatives_of_differences():
         )
 
     found = jaxhb.barred_ranges(*stress(at), at[-1], 1.5 * at[-1])
-    assert (
-        found
-        and not found[0].open_below
-        and not found[0].open_above
-        and isinstance(found[0].low, float)
-    )
+    assert found
+    assert not found[0].open_below
+    assert not found[0].open_above
+    assert isinstance(found[0].low, float)
     check_derivative(numbers, at, step=1e-6, staged=False)
 
 

@@ -31,10 +31,11 @@ BEFORE, AFTER = 1.35, 1.28  # exponents of compression and of what has burnt
 FIRING = dict(zip((1, 5, 3, 4, 2, 6), 60.0 * np.arange(6), strict=True))
 INERTIA = np.array([*[8500.0] * 6, 6000.0, 600.0, 40000.0])
 TO_GROUND = np.array([*[500.0] * 6, 0.0, 0.0, 200000.0])
+# First disk, d, l, C_K.
 SHAFTS = {
     "intermediate": (6, 0.435, 10.0, 1.0),
     "propeller shaft": (7, 0.53, 7.0, 0.55),
-}  # first disk, d, l, C_K
+}
 SPEEDS = (10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 105)
 LOADS = (
     0.0091,
@@ -233,12 +234,11 @@ def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(
         brentq(excess, 95.0, 103.0, xtol=1e-3),
     )
     np.testing.assert_allclose([misfire.low, misfire.high], edges, atol=0.02)
-    assert 1.0 < misfire.share < 1.25 and cut_off.share > 2.5
-    assert (
-        cut_off.low < misfire.low - 5.0
-        and cut_off.open_above
-        and not misfire.open_above
-    )
+    assert 1.0 < misfire.share < 1.25
+    assert cut_off.share > 2.5
+    assert cut_off.low < misfire.low - 5.0
+    assert cut_off.open_above
+    assert not misfire.open_above
 
 
 def test_compression_at_low_speed_is_not_that_of_full_load(strengths, cycles):
@@ -246,5 +246,6 @@ def test_compression_at_low_speed_is_not_that_of_full_load(strengths, cycles):
     would break the transient one.
     """
     continuous, transient = shares(cycles, 47.25, full_charge=True)["intermediate"]
-    assert continuous > 1.7 and transient > 1.0
+    assert continuous > 1.7
+    assert transient > 1.0
     assert not strengths[0].barred["intermediate"]

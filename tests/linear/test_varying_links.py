@@ -106,9 +106,10 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
             atol=ALGEBRAIC * np.abs(wanted).max(),
         )
         constant = jaxhb.forced_response(train.with_constant_links(hz=0.0), rpm=rpm)
+        # Static stiffness.
         np.testing.assert_allclose(
             found.angles[row][:, 0], constant.angles[:, 0], rtol=1e-9
-        )  # static stiffness
+        )
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
@@ -174,9 +175,8 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
 @pytest.mark.oracle
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
-    found = jaxhb.forced_response(
-        train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS
-    )  # compiled anew
+    # Compiled anew.
+    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS)
     assert (found.status == Status.MAX_STEPS).all()
     with pytest.raises(
         jaxhb.NotConverged, match="the amplitude of a link was not found"
@@ -199,9 +199,8 @@ def test_derivatives_of_varying_links_are_those_of_differences():
 
     def numbers(values):
         changed = train.replace(dict(zip(KEYS, values[:-1], strict=True)))
-        rows = changed.shafts.over_amplitude * jnp.array(
-            [1.0, values[-1], 1.0]
-        )  # all factors of stiffness
+        # All factors of stiffness.
+        rows = changed.shafts.over_amplitude * jnp.array([1.0, values[-1], 1.0])
         changed = dataclasses.replace(
             changed, shafts=dataclasses.replace(changed.shafts, over_amplitude=rows)
         )
