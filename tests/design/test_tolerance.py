@@ -73,7 +73,7 @@ def test_slopes_are_those_of_the_closed_form(found):
     ) / (2 * step)
     # Over half the range.
     expected = np.transpose([by_stiffness * 1e3, by_damping * 1.5])
-    # differences; 4096 places of the maximum.
+    # By differences; the maximum is at one of 4096 places.
     np.testing.assert_allclose(found.slopes[:, 0], expected, rtol=1e-5)
 
 
