@@ -312,8 +312,8 @@ def test_a_robust_damper_is_better_within_the_tolerances_and_worse_without(kind)
         response = jaxhb.linear_response(changed, rpm=speed)
         return float(response.torque("a", "b").half_peak_to_peak)
 
-    # No damping on a dense grid has a smaller worst case than the tuned one, but for the
-    # rest that a tuning leaves.
+    # No damping on a dense grid has a smaller worst case than the tuned one, but for
+    # the rest that a tuning leaves.
     if kind == "worst":
         grid = [
             max(
