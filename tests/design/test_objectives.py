@@ -90,7 +90,7 @@ def test_smoothed_contact_tends_to_what_the_contact_reports(response):
     apart = objectives.separated_fraction(response, CRANK, IDLER, smoothing=1e-3)
     assert apart == pytest.approx(contact.separated_fraction, abs=2e-3)
     severity = objectives.impact_severity(response, CRANK, IDLER, smoothing=1e-2)
-    # the speed changes while the teeth pass the smooth edge, 2 % of the backlash
+    # The speed changes while the teeth pass the smooth edge, 2 % of the backlash.
     assert severity == pytest.approx(
         sum(impact["speed"] for impact in contact.impacts), rel=0.05
     )

@@ -62,9 +62,9 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
     n = np.arange(load.shape[1])
 
     def motion(t, y):
-        l = columns.T @ y[:disks]
+        deflection = columns.T @ y[:disks]
         rate = columns.T @ y[disks:]
-        f, share = dense.law(law, l)
+        f, share = dense.law(law, deflection)
         f = f + r * rate * np.where(gated, share, 1.0)
         wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)
         q = (load @ wave).real
