@@ -1,5 +1,5 @@
 """Limits between the speeds of a tuning: peaks against fine sweeps, designs that keep
-them, what is told of both.
+them, and reports of both.
 """
 
 import dataclasses
@@ -52,24 +52,27 @@ def test_the_peak_between_the_speeds_is_that_of_a_fine_sweep(outer):
     value, speed = checked.worst(NAME)
     assert value == pytest.approx(truth.max(), rel=1e-3)
     assert speed == pytest.approx(FINE[truth.argmax()], rel=2e-3)
-    assert set(RPM) <= set(checked.rpm) and len(checked.rpm) < 40
+    assert set(RPM) <= set(checked.rpm)
+    assert len(checked.rpm) < 40
     over = exceeded(TASK, checked)
     assert bool(over) == (truth.max() > 1.01)
 
 
-def test_speeds_that_lie_further_apart_than_the_others_are_a_hole_that_is_not_looked_into():
-    """As about a barred range: the resonance at 66.7 rpm lies in it."""
+def test_speeds_far_further_apart_than_the_others_leave_a_hole_not_searched():
+    """A barred range makes such a hole: the resonance at 66.7 rpm lies in it."""
     checked = check_between(TRAIN, np.array([50.0, 53.0, 56.0, 80.0, 83.0, 86.0]), TASK)
     assert not ((checked.rpm > 56.0) & (checked.rpm < 80.0)).any()
 
 
 def test_a_followed_speed_is_the_critical_speed_of_every_design_within_the_range():
-    (one,) = critical_speeds(TRAIN, RPM)
+    (followed,) = critical_speeds(TRAIN, RPM)
     for outer in (0.44, 0.5, 0.55):
         train = of_diameter(outer)
         (critical,) = jaxhb.campbell(train, rpm=[50.0, 110.0]).critical
-        assert speeds_of([one], train, RPM) == pytest.approx(critical.rpm, rel=1e-12)
-    assert speeds_of([one, Followed(77.0)], of_diameter(0.7), RPM).tolist() == [
+        assert speeds_of([followed], train, RPM) == pytest.approx(
+            critical.rpm, rel=1e-12
+        )
+    assert speeds_of([followed, Followed(77.0)], of_diameter(0.7), RPM).tolist() == [
         110.0,
         77.0,
     ]
@@ -79,7 +82,7 @@ DIAMETERS = np.linspace(0.45, 0.56, 8)
 
 
 def values_at(diameters, task, critical):
-    """What a tuning makes small, of designs, from its smooth readings."""
+    """Objective of a tuning at designs, from its smooth readings."""
     evaluator = Evaluator(
         TRAIN,
         RPM,
@@ -95,38 +98,34 @@ def values_at(diameters, task, critical):
     return evaluator.at(z, near, aim).value
 
 
-def test_an_objective_that_follows_a_resonance_falls_all_the_way_on_which_its_peak_falls():
-    """Read at the speeds asked for alone it rises and falls as the resonance passes
-    them.
+def test_an_objective_that_follows_a_resonance_falls_wherever_its_peak_falls():
+    """Without following, it rises and falls as the resonance passes the speeds of the
+    tuning.
     """
     peaks = np.array([share(of_diameter(outer), FINE).max() for outer in DIAMETERS])
-    assert (np.diff(peaks) < 0).all() and (
-        np.diff(values_at(DIAMETERS, TASK, ())) > 0
-    ).any()
+    assert (np.diff(peaks) < 0).all()
+    assert (np.diff(values_at(DIAMETERS, TASK, ())) > 0).any()
     followed = values_at(DIAMETERS, TASK, critical_speeds(TRAIN, RPM))
     assert (np.diff(followed) < 0).all()
-    np.testing.assert_allclose(
-        followed, peaks, rtol=0.02
-    )  # smooth, at the undamped critical speed
+    # Smooth, at the undamped critical speed.
+    np.testing.assert_allclose(followed, peaks, rtol=0.02)
 
 
 def test_a_penalty_counts_at_the_critical_speed_too():
-    held = Penalty(quantity=STRESS.quantity, of="shaft", most=0.5, weight=100.0)
+    penalty = Penalty(quantity=STRESS.quantity, of="shaft", most=0.5, weight=100.0)
     nothing = Objective(
         quantity="shaft torque order", of="shaft", order=6.0, over="mean", weight=0.0
     )
-    found = values_at(
-        DIAMETERS, Task((OUTER,), (nothing,), (held,)), critical_speeds(TRAIN, RPM)
+    values = values_at(
+        DIAMETERS, Task((OUTER,), (nothing,), (penalty,)), critical_speeds(TRAIN, RPM)
     )
-    for value, outer in zip(found, DIAMETERS, strict=True):
+    for value, outer in zip(values, DIAMETERS, strict=True):
         train = of_diameter(outer)
         (critical,) = jaxhb.campbell(train, rpm=[50.0, 110.0]).critical
-        excess = (
-            np.maximum(share(train, np.array([*RPM, critical.rpm])) - 0.5, 0.0) / 0.5
-        )
-        assert value == pytest.approx(
-            100.0 * (excess**2).sum(), rel=0.03
-        )  # smooth: 0.8 % below at most
+        shares = share(train, np.array([*RPM, critical.rpm]))
+        excess = np.maximum(shares - 0.5, 0.0) / 0.5
+        # Smooth: 0.8 % below at most.
+        assert value == pytest.approx(100.0 * (excess**2).sum(), rel=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -134,41 +133,42 @@ def tuned():
     return jaxhb.tune(TRAIN, parameters=[OUTER], rpm=RPM, objective=STRESS)
 
 
-def test_the_default_search_finds_the_way_to_a_design_that_keeps_its_limit_between_the_speeds(
-    tuned,
-):
-    """At the speeds asked for alone it ends beside the start, at 0.45 m, where the
-    stress is 1.27 of its limit.
+def test_the_default_search_finds_a_design_that_keeps_its_limit_between_speeds(tuned):
+    """A search at the speeds of the tuning alone ends beside the start, at 0.45 m,
+    where the stress is 1.27 of its limit.
     """
     best = min(
         share(of_diameter(outer), FINE).max() for outer in np.linspace(0.53, 0.585, 12)
     )
     truth = share(tuned.train, FINE).max()
-    assert best < 0.9 and truth < 1.02 * best
+    assert best < 0.9
+    assert truth < 1.02 * best
     assert tuned.checked["after"].worst(NAME)[0] == pytest.approx(truth, rel=1e-3)
     assert tuned.checked["before"].worst(NAME)[0] == pytest.approx(
         share(TRAIN, FINE).max(), rel=1e-3
     )
     (sentence,) = tuned.followed
-    assert (
-        "of its limit at 6" in sentence and "between the speeds asked for" in sentence
-    )
+    assert "of its limit at 6" in sentence
+    assert "between the speeds asked for" in sentence
 
 
-def test_what_is_told_of_limits_is_what_holds_between_the_speeds(tuned):
-    asked = {
-        "parameters": (OUTER,),
-        "objective": (STRESS,),
-        "penalties": (),
-        "rpm": RPM,
+def table(parameter, objective, rpm, penalties=()):
+    """Table of a tuning, for its reports."""
+    return {
+        "parameters": (parameter,),
+        "objective": (objective,),
+        "penalties": penalties,
+        "rpm": rpm,
     }
-    text = "\n\n".join(tuned_parts(TRAIN, asked, tuned))
+
+
+def test_reports_of_limits_say_what_holds_between_the_speeds(tuned):
+    settings = table(OUTER, STRESS, RPM)
+    text = "\n\n".join(tuned_parts(TRAIN, settings, tuned))
     value, speed = tuned.checked["after"].worst(NAME)
-    assert (
-        f"{value:.3g} at {speed:.5g} rpm after" in text
-        and "Within its limits, between the speeds too." in text
-    )
-    record = tuned_record(TRAIN, asked, tuned)
+    assert f"{value:.3g} at {speed:.5g} rpm after" in text
+    assert "Within its limits, between the speeds too." in text
+    record = tuned_record(TRAIN, settings, tuned)
     assert record["checked"]["after"]["worst"][NAME] == {"value": value, "rpm": speed}
     assert record["followed"] == tuned.followed
     before = tuned.checked["before"]
@@ -176,7 +176,7 @@ def test_what_is_told_of_limits_is_what_holds_between_the_speeds(tuned):
         tuned, after=tuned.before, checked={"before": before, "after": before}
     )
     assert np.nanmax(unmended.after.readings[NAME]) < 0.5
-    text = tuned_parts(TRAIN, asked, unmended)[-1]
+    text = tuned_parts(TRAIN, settings, unmended)[-1]
     assert text == f"NOT within its limits: {NAME} is 1.22 at 66.74 rpm, at most 1."
 
 
@@ -198,80 +198,73 @@ def loose_pair(alternating, damping_ratio=0.05):
 
 
 def tooth_forces(train, rpm):
-    """Tooth force and whether each speed is solved, by a sweep."""
+    """Tooth forces by a sweep, every speed of which is solved."""
     sweep = jaxhb.solve_speeds(train, rpm=rpm, **PARTING)
     assert np.asarray(sweep.solved).all()
     return np.asarray(sweep.force("a|b").half_peak_to_peak)
 
 
 @pytest.mark.parametrize("alternating", [0.06, 0.1])
-def test_the_peak_of_parting_teeth_between_the_speeds_is_that_of_a_fine_scan_and_of_the_steady_state(
-    alternating,
-):
-    """It lies before a jump, 16 and 24 % below the natural frequency: neither at a
-    speed asked for nor at a critical speed, at which the force is a tenth and a quarter
-    less.
+def test_the_peak_of_parting_teeth_between_speeds_is_that_of_a_fine_scan(alternating):
+    """And that of the steady state. It lies before a jump, 16 and 24 % below the
+    natural frequency: neither at a speed of the tuning nor at a critical speed, at
+    which the force is a tenth and a quarter less.
     """
     train = loose_pair(alternating)
     forces = tooth_forces(train, MANY)
     checked = check_between(train, FEW, Task((DAMPING,), (TEETH,), ()), **PARTING)
     value, speed = checked.worst(FORCE)
-    assert value == pytest.approx(forces.max(), rel=5e-3) and value >= forces.max() * (
-        1 - 1e-6
-    )
+    assert value == pytest.approx(forces.max(), rel=5e-3)
+    assert value >= forces.max() * (1 - 1e-6)
     assert speed == pytest.approx(MANY[forces.argmax()], rel=5e-3)
-    assert (
-        np.abs(FEW - speed).min() > 0.03 * speed
-        and tooth_forces(train, np.array([U]))[0] < 0.92 * value
-    )
+    assert np.abs(FEW - speed).min() > 0.03 * speed
+    assert tooth_forces(train, np.array([U]))[0] < 0.92 * value
     state = jaxhb.steady_state(train, rpm=speed)
-    assert state.kind == "periodic" and float(
-        state.force("a|b").half_peak_to_peak
-    ) == pytest.approx(value, rel=2e-3)
-    assert set(FEW) <= set(checked.rpm) and len(checked.rpm) < 90
+    assert state.kind == "periodic"
+    assert float(state.force("a|b").half_peak_to_peak) == pytest.approx(value, rel=2e-3)
+    assert set(FEW) <= set(checked.rpm)
+    assert len(checked.rpm) < 90
 
 
 def tuned_pair(most, damping, steps=20):
-    """Nothing is made small: only the limit of the tooth force asks for more
-    damping.
+    """A tuning without an objective, and its report: only the limit of the tooth force
+    calls for more damping.
     """
     nothing = dataclasses.replace(TEETH, over="mean", weight=0.0)
-    held = Penalty(quantity=TEETH.quantity, of="a|b", most=most)
-    asked = {
-        "parameters": (damping,),
-        "objective": (nothing,),
-        "penalties": (held,),
-        "rpm": FEW,
-    }
-    result = jaxhb.tune(loose_pair(0.06), **asked, steps=steps, **PARTING)
-    return result, "\n\n".join(tuned_parts(loose_pair(0.06), asked, result))
+    penalty = Penalty(quantity=TEETH.quantity, of="a|b", most=most)
+    result = jaxhb.tune(
+        loose_pair(0.06),
+        parameters=(damping,),
+        objective=(nothing,),
+        penalties=(penalty,),
+        rpm=FEW,
+        steps=steps,
+        **PARTING,
+    )
+    settings = table(damping, nothing, FEW, penalties=(penalty,))
+    return result, "\n\n".join(tuned_parts(loose_pair(0.06), settings, result))
 
 
 @pytest.mark.oracle
 def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_speeds():
-    """The start is within the limit at the speeds asked for, where the force is at most
-    0.34, and 4 % beyond it between: less than what smooth values with p = 64 hide.
+    """The start is within the limit at the speeds of the tuning, where the force is at
+    most 0.34, and 4 % beyond it between: less than what smooth values with p = 64 hide.
     """
     result, text = tuned_pair(0.36, DAMPING)
     assert np.nanmax(result.before.readings[FORCE]) < 0.36
-    assert (
-        "1.04 of its limit" in result.followed[0]
-        and "between the speeds asked for" in result.followed[0]
-    )
+    assert "1.04 of its limit" in result.followed[0]
+    assert "between the speeds asked for" in result.followed[0]
     forces = tooth_forces(result.train, MANY)
     assert forces.max() < 1.01 * 0.36
     assert result.checked["after"].worst(FORCE)[0] == pytest.approx(
         forces.max(), rel=5e-3
     )
-    assert (
-        "Within its limits, between the speeds too." in text
-        and "still exceeded" not in result.stopped
-    )
-    # A limit that no design within the bounds keeps: so many rounds, and a sentence.
+    assert "Within its limits, between the speeds too." in text
+    assert "still exceeded" not in result.stopped
+    # No design within the bounds keeps this limit: so many rounds, and a sentence.
     result, text = tuned_pair(0.3, dataclasses.replace(DAMPING, high=0.21), steps=4)
-    assert (
-        "a limit is still exceeded after" in result.stopped and result.stopped in text
-    )
+    assert "a limit is still exceeded after" in result.stopped
+    assert result.stopped in text
     value, speed = result.checked["after"].worst(FORCE)
     assert value == pytest.approx(tooth_forces(result.train, MANY).max(), rel=5e-3)
     assert (
@@ -281,21 +274,22 @@ def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_s
 
 
 @pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.oracle)])
-def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_beside_the_values_at_them(
-    loose,
-):
-    train, parameter, read, rpm, accuracy = (
+def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_too(loose):
+    train, parameter, objective, rpm, accuracy = (
         (loose_pair(0.06), DAMPING, TEETH, FEW, PARTING)
         if loose
         else (TRAIN, OUTER, Objective(quantity="stress", of="shaft"), RPM, {})
     )
-    asked = {
-        "parameters": (parameter,),
-        "objective": (read,),
-        "penalties": (),
-        "rpm": rpm,
-    }
-    result = jaxhb.tune(train, **asked, steps=1, **accuracy)
+    result = jaxhb.tune(
+        train,
+        parameters=(parameter,),
+        objective=(objective,),
+        penalties=(),
+        rpm=rpm,
+        steps=1,
+        **accuracy,
+    )
+    settings = table(parameter, objective, rpm)
     name = FORCE if loose else "stress of shaft"
     if loose:
         peak = tooth_forces(result.train, MANY).max()
@@ -307,38 +301,28 @@ def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_beside_the_va
             .max()
         )
     value, speed = result.checked["after"].worst(name)
-    assert value == pytest.approx(peak, rel=5e-3) and value > 1.02 * np.nanmax(
-        result.after.readings[name]
-    )
-    text = "\n\n".join(tuned_parts(train, asked, result))
-    assert (
-        f"LARGER between the speeds asked for: {name} " in text
-        and f" at {speed:.4g} rpm, not " in text
-    )
-    assert "limits" not in text and not result.followed
-    assert tuned_record(train, asked, result)["checked"]["after"]["worst"][name] == {
+    assert value == pytest.approx(peak, rel=5e-3)
+    assert value > 1.02 * np.nanmax(result.after.readings[name])
+    text = "\n\n".join(tuned_parts(train, settings, result))
+    assert f"LARGER between the speeds asked for: {name} " in text
+    assert f" at {speed:.4g} rpm, not " in text
+    assert "limits" not in text
+    assert not result.followed
+    assert tuned_record(train, settings, result)["checked"]["after"]["worst"][name] == {
         "value": value,
         "rpm": speed,
     }
 
 
 def test_speeds_between_without_a_solution_are_told(tuned):
-    asked = {
-        "parameters": (OUTER,),
-        "objective": (STRESS,),
-        "penalties": (),
-        "rpm": RPM,
-    }
+    settings = table(OUTER, STRESS, RPM)
     after = tuned.checked["after"]
     between = int(np.flatnonzero(~np.isin(after.rpm, RPM))[0])
     lost = dataclasses.replace(after, solved=np.arange(len(after.rpm)) != between)
-    text = tuned_parts(
-        TRAIN,
-        asked,
-        dataclasses.replace(tuned, checked=tuned.checked | {"after": lost}),
-    )
-    told = (
+    partly_solved = dataclasses.replace(tuned, checked=tuned.checked | {"after": lost})
+    text = tuned_parts(TRAIN, settings, partly_solved)
+    sentence = (
         "NOT solved between the speeds, and left out of what is told of them:"
         f" {after.rpm[between]:.5g} rpm."
     )
-    assert told in text
+    assert sentence in text

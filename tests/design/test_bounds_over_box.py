@@ -18,9 +18,10 @@ from jaxhb.design.quantities import QUANTITIES
 from jaxhb.design.tolerances import box_of
 from jaxhb.report.text.tolerances import tolerance_parts, tolerance_rows
 
-DRIVE, INERTIA = 5.0, 2.0  # N m on a, kg m2 of b
+DRIVE = 5.0  # N m on a
+INERTIA = 2.0  # kg m2 of b
 TORQUE = Objective(quantity="shaft torque", of="a|b")
-OWN = {
+NOMINAL = {
     "a|b.stiffness": 6.7e3,
     "a|b.damping": 4.0,
     "a|b.loss_factor": 0.02,
@@ -31,12 +32,16 @@ OWN = {
 
 def pair():
     """Two disks on a shaft, driven once a revolution."""
-    shaft = {
-        name.partition(".")[2]: OWN[name] for name in OWN if name.startswith("a|b")
-    }
-    parts = [Disk(name="a", inertia=OWN["a.inertia"]), Disk(name="b", inertia=INERTIA)]
-    parts += [
-        Shaft(between=("a", "b"), **shaft),
+    shaft = Shaft(
+        between=("a", "b"),
+        stiffness=NOMINAL["a|b.stiffness"],
+        damping=NOMINAL["a|b.damping"],
+        loss_factor=NOMINAL["a|b.loss_factor"],
+    )
+    parts = [
+        Disk(name="a", inertia=NOMINAL["a.inertia"]),
+        Disk(name="b", inertia=INERTIA),
+        shaft,
         Torque(name="t", disk="a", harmonics=[(1.0, DRIVE, 0.0)]),
     ]
     return build(parts, name="pair", revolutions_per_cycle=1)
@@ -51,21 +56,21 @@ def torque_of(rpm, stiffness, damping, loss, inertia):
 
 
 def within(share, *names, together=None):
-    """Tolerances of so many numbers of the pair."""
+    """Tolerances of numbers of the pair, each a share of its nominal value."""
     together = together or {}
     return [
         Tolerance(
-            name=n,
-            low=(1 - share) * OWN[n],
-            high=(1 + share) * OWN[n],
-            together=together.get(n, ()),
+            name=name,
+            low=(1 - share) * NOMINAL[name],
+            high=(1 + share) * NOMINAL[name],
+            together=together.get(name, ()),
         )
-        for n in names
+        for name in names
     ]
 
 
 def bounds(train, rpm, tolerances, of):
-    """Bounds and reasons, nothing being known of the responses."""
+    """Bounds and reasons, without any response to start from."""
     box = box_of(train, tuple(tolerances), tuple(of))
     bound, why, _ = bounds_over_box(
         train, np.array(rpm), box, np.zeros((len(rpm), len(of)))
@@ -77,80 +82,76 @@ FOUR = "a|b.stiffness", "a|b.damping", "a|b.loss_factor", "a.inertia"
 
 
 def largest_of(rpm, share):
-    """The largest torque of all pairs: the best of a grid, and from there a search of
-    its own.
-    """
-    grid = np.meshgrid(
-        *[np.linspace(1 - share, 1 + share, count) for count in (61, 3, 3, 61)],
-        indexing="ij",
-    )
-    values = torque_of(
-        rpm, *[OWN[name] * ratio for name, ratio in zip(FOUR, grid, strict=True)]
-    )
+    """The largest torque of all pairs: the best of a grid, then a local search."""
+    axes = [np.linspace(1 - share, 1 + share, count) for count in (61, 3, 3, 61)]
+    grid = np.meshgrid(*axes, indexing="ij")
+    nominal = [NOMINAL[name] for name in FOUR]
+
+    def torque(ratios):
+        stiffness, damping, loss, inertia = (
+            value * ratio for value, ratio in zip(nominal, ratios, strict=True)
+        )
+        return torque_of(rpm, stiffness, damping, loss, inertia)
+
+    values = torque(grid)
     best = np.unravel_index(values.argmax(), values.shape)
     start = [ratio[best] for ratio in grid]
-
-    def lost(ratio):
-        return -torque_of(rpm, *(np.array([OWN[name] for name in FOUR]) * ratio))
-
-    found = minimize(
-        lost,
+    optimum = minimize(
+        lambda ratios: -torque(ratios),
         start,
         bounds=[(1 - share, 1 + share)] * 4,
         method="Nelder-Mead",
         options={"xatol": 1e-9},
     )
-    return max(values.max(), -found.fun)
+    return max(values.max(), -optimum.fun)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 def test_no_pair_of_disks_exceeds_the_bound_which_is_hardly_more_than_the_worst(share):
-    # Below, at and above the resonance, and where the box holds it at some of its
-    # trains.
+    # Below, at and above the resonance, and where the box holds it for some trains.
     rpm = np.array([500.0, 800.0, 955.0, 1000.0, 1200.0, 2000.0])
     bound, why = bounds(pair(), rpm, within(share, *FOUR), [TORQUE])
     dense = np.array([largest_of(speed, share) for speed in rpm])
     assert (why == "").all()
     assert (bound[:, 0] >= dense * (1 - 1e-12)).all()
-    np.testing.assert_array_less(
-        bound[:, 0], 1.0205 * dense
-    )  # 2 %, and what the grid misses
+    # 2 %, and what the grid misses.
+    np.testing.assert_array_less(bound[:, 0], 1.0205 * dense)
 
 
 def test_numbers_together_have_one_share():
     # Stiffness, loss factor and inertia in one ratio: k eta goes with its square.
-    one = within(
+    tolerances = within(
         0.1,
         "a|b.stiffness",
         together={"a|b.stiffness": ("a|b.loss_factor", "a.inertia")},
     )
     rpm = np.array([800.0, 955.0, 1200.0])
-    bound, _ = bounds(pair(), rpm, one, [TORQUE])
+    bound, _ = bounds(pair(), rpm, tolerances, [TORQUE])
     ratio = np.linspace(0.9, 1.1, 20001)
-    numbers = [OWN[name] * (1.0 if name == "a|b.damping" else ratio) for name in FOUR]
-    dense = np.array([torque_of(speed, *numbers).max() for speed in rpm])
-    assert (bound[:, 0] >= dense * (1 - 1e-12)).all() and (
-        bound[:, 0] < 1.0205 * dense
-    ).all()
+    stiffness, damping, loss, inertia = (
+        NOMINAL[name] * (1.0 if name == "a|b.damping" else ratio) for name in FOUR
+    )
+    dense = np.array(
+        [torque_of(speed, stiffness, damping, loss, inertia).max() for speed in rpm]
+    )
+    assert (bound[:, 0] >= dense * (1 - 1e-12)).all()
+    assert (bound[:, 0] < 1.0205 * dense).all()
     apart, _ = bounds(
         pair(),
         rpm,
         within(0.1, "a|b.stiffness", "a|b.loss_factor", "a.inertia"),
         [TORQUE],
     )
-    assert (
-        bound[:, 0] < 0.9 * apart[:, 0]
-    ).any()  # the frequency stays, where both numbers have one ratio
+    # Stiffness and inertia in one ratio leave the frequency as it is.
+    assert (bound[:, 0] < 0.9 * apart[:, 0]).any()
 
 
 def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
     train = pair().replace({"a|b.damping": 0.0, "a|b.loss_factor": 0.0})
-    known = [Tolerance(name="a|b.stiffness", low=6e3, high=7.4e3)]
-    bound, why = bounds(train, [955.0, 2000.0], known, [TORQUE])
-    assert (
-        np.isnan(bound[0, 0])
-        and why[0, 0] == "no bound was found, as at a resonance without damping"
-    )
+    tolerances = [Tolerance(name="a|b.stiffness", low=6e3, high=7.4e3)]
+    bound, why = bounds(train, [955.0, 2000.0], tolerances, [TORQUE])
+    assert np.isnan(bound[0, 0])
+    assert why[0, 0] == "no bound was found, as at a resonance without damping"
     assert (
         bound[1, 0]
         >= torque_of(2000.0, np.linspace(6e3, 7.4e3, 2001), 0.0, 0.0, 1.0).max()
@@ -159,13 +160,14 @@ def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
 
 def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
     matrices = np.array([[[2.0, 0.0], [0.0, 4.0]], [[1.0, 1.0], [1.0, 1.0]]])
-    found, good = _solved(matrices, np.ones((2, 2, 1)))
-    assert good.tolist() == [True, False] and found[..., 0].tolist() == [
+    solved, regular = _solved(matrices, np.ones((2, 2, 1)))
+    assert regular.tolist() == [True, False]
+    assert solved[..., 0].tolist() == [
         [0.5, 0.25],
         [0.0, 0.0],
     ]
-    # A stiffness down to nothing: half of its range is as large as its middle, |G| d =
-    # 1 where no torque alternates.
+    # A stiffness down to nothing: half of its range is as large as its middle,
+    # |G| d = 1 where no torque alternates.
     train = build(
         [
             Disk(name="a", inertia=1.0),
@@ -179,7 +181,8 @@ def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
         train, [955.0], [Tolerance(name="a|b.stiffness", low=0.0, high=1e4)], [TORQUE]
     )
     dense = torque_of(955.0, np.linspace(0.0, 1e4, 100001), 4.0, 0.0, 1.0).max()
-    assert why[0, 0] == "" and dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
+    assert why[0, 0] == ""
+    assert dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
 
 
 def sampled(train, rpm, tolerances, of, count, seed=0):
@@ -195,14 +198,15 @@ def sampled(train, rpm, tolerances, of, count, seed=0):
     @jax.jit
     @jax.vmap
     def read(u):
-        own = train.replace(box.named(u))
-        response = jaxhb.forced_response(own, rpm=rpm)
-        return jnp.stack(
-            [
-                QUANTITIES[one.quantity].exact_value(response, one.of, one.order, own)
-                for one in of
-            ]
-        )
+        changed = train.replace(box.named(u))
+        response = jaxhb.forced_response(changed, rpm=rpm)
+        values = [
+            QUANTITIES[objective.quantity].exact_value(
+                response, objective.of, objective.order, changed
+            )
+            for objective in of
+        ]
+        return jnp.stack(values)
 
     return np.asarray(
         jax.lax.map(read, jnp.asarray(shares.reshape(-1, 16, len(tolerances))))
@@ -220,9 +224,8 @@ ASKED = {
         Objective(quantity="tooth force", of="crank gear|idler"),
         Objective(quantity="tooth force peak", of="crank gear|idler"),
         Objective(quantity="gear torque", of="idler"),
-        Objective(
-            quantity="shaft torque", of="rubber damper"
-        ),  # whose numbers have tolerances themselves
+        # The numbers of this damper have tolerances themselves.
+        Objective(quantity="shaft torque", of="rubber damper"),
         Objective(quantity="damper power", of="rubber damper"),
         Objective(quantity="damper power", of="viscous damper"),
         Objective(quantity="angle order", of="hub", order=3.0),
@@ -237,7 +240,7 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
     train = jaxhb.load_scene(scene)
     of = ASKED[scene]
     if train.tolerance:
-        known = read_tolerances(train)
+        tolerances = read_tolerances(train)
     else:
         first, second, *_ = train.topology.cylinder_names
         names = ["cyl4|cyl5.stiffness", "cyl5|cyl6.stiffness", "pulley.inertia"]
@@ -246,15 +249,16 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
             f"{second}.reciprocating_mass",
             "cyl6|flywheel.stiffness",
         ]
-        known = [
-            Tolerance(name=n, low=0.9 * v, high=1.1 * v)
-            for n in names
-            for v in [float(train.value(n))]
+        nominal = [float(train.value(name)) for name in names]
+        tolerances = [
+            Tolerance(name=name, low=0.9 * value, high=1.1 * value)
+            for name, value in zip(names, nominal, strict=True)
         ]
-    bound, why = bounds(train, [rpm], known, of)
+    bound, why = bounds(train, [rpm], tolerances, of)
     assert (why == "").all()
-    values = sampled(train, rpm, known, of, 2048)
-    assert np.isfinite(values).all() and (values <= bound[0] * (1 + 1e-9)).all()
+    values = sampled(train, rpm, tolerances, of, 2048)
+    assert np.isfinite(values).all()
+    assert (values <= bound[0] * (1 + 1e-9)).all()
     np.testing.assert_array_less(bound[0], 1.05 * values.max(0))
 
 
@@ -282,41 +286,51 @@ FORCE = Objective(quantity="tooth force", of="a|b")
 
 
 def test_teeth_that_part_in_one_corner_leave_no_bound():
-    train, rpm = parting(), 38800.0
+    train = parting()
+    rpm = 38800.0
 
-    def known(share):
-        own = {"a|b.stiffness": 1e8, "b.inertia": 0.03}
+    def tolerances(share):
+        nominal = {"a|b.stiffness": 1e8, "b.inertia": 0.03}
         return [
-            Tolerance(name=n, low=(1 - share) * v, high=(1 + share) * v)
-            for n, v in own.items()
+            Tolerance(name=name, low=(1 - share) * value, high=(1 + share) * value)
+            for name, value in nominal.items()
         ]
 
     def apart(share):
-        ends = itertools.product(*((one.low, one.high) for one in known(share)))
+        stiffness, inertia = tolerances(share)
+        ends = itertools.product(
+            (stiffness.low, stiffness.high), (inertia.low, inertia.high)
+        )
         corners = [train.replace({"a|b.stiffness": k, "b.inertia": j}) for k, j in ends]
         return [
-            jaxhb.solve(one, rpm=rpm).mesh("a", "b").separated_fraction > 0
-            for one in corners
+            jaxhb.solve(corner, rpm=rpm).mesh("a", "b").separated_fraction > 0
+            for corner in corners
         ]
 
-    assert apart(0.05) == [False, True, False, False] and apart(0.02) == [False] * 4
-    bound, why = bounds(train, [rpm], known(0.05), [FORCE])
-    assert np.isnan(bound[0, 0]) and why[0, 0] == "teeth of a|b may separate"
-    bound, why = bounds(train, [rpm], known(0.02), [FORCE])
-    values = sampled(train, rpm, known(0.02), [FORCE], 508)
-    assert why[0, 0] == "" and values.max() <= bound[0, 0] < 1.05 * values.max()
+    assert apart(0.05) == [False, True, False, False]
+    assert apart(0.02) == [False] * 4
+    bound, why = bounds(train, [rpm], tolerances(0.05), [FORCE])
+    assert np.isnan(bound[0, 0])
+    assert why[0, 0] == "teeth of a|b may separate"
+    bound, why = bounds(train, [rpm], tolerances(0.02), [FORCE])
+    values = sampled(train, rpm, tolerances(0.02), [FORCE], 508)
+    assert why[0, 0] == ""
+    assert values.max() <= bound[0, 0] < 1.05 * values.max()
 
 
 def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
-    known = [Tolerance(name="a|b.stiffness", low=0.98e8, high=1.02e8)]
-    found = jaxhb.tolerance(
-        parting(), rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known, harmonics=32
+    tolerances = [Tolerance(name="a|b.stiffness", low=0.98e8, high=1.02e8)]
+    result = jaxhb.tolerance(
+        parting(),
+        rpm=[30000.0, 43500.0],
+        of=[FORCE],
+        tolerances=tolerances,
+        harmonics=32,
     )
-    assert found.no_bound[:, 0].tolist() == ["", "teeth of a|b may separate"]
-    assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[
-        0, 0
-    ] and np.isnan(found.bound[1, 0])
-    text = "\n\n".join(tolerance_parts(found, None))
+    assert result.no_bound[:, 0].tolist() == ["", "teeth of a|b may separate"]
+    assert result.worst[0, 0] <= result.bound[0, 0] < 1.03 * result.worst[0, 0]
+    assert np.isnan(result.bound[1, 0])
+    text = "\n\n".join(tolerance_parts(result, None))
     assert (
         "more than stands under 'at most', as long as its teeth stay in contact" in text
     )
@@ -326,16 +340,15 @@ def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
         line.split() for line in text.splitlines() if line.startswith("  43500 ")
     ][:1]
     assert row[3] == "-"
-    rows = list(tolerance_rows(found, None))
-    assert [row["no bound"] for row in rows] == [
-        "",
-        "teeth of a|b may separate",
-    ] and np.isnan(rows[1]["bound"])
+    rows = list(tolerance_rows(result, None))
+    reasons = [row["no bound"] for row in rows]
+    assert reasons == ["", "teeth of a|b may separate"]
+    assert np.isnan(rows[1]["bound"])
 
 
 def test_backlash_in_a_closed_loop_preloads_the_teeth():
-    # Two meshes side by side: what one has more of play, the other carries more of the
-    # mean.
+    # Two meshes side by side: the more play in one, the more of the mean the other
+    # carries.
     errors = [(1.0, 2e-6, 0.0), (2.0, 0.0, 1e-6)]
     parts = [Disk(name=n, inertia=0.02, radius=0.05, teeth=20) for n in ("a", "c")]
     parts += [Disk(name=n, inertia=0.03, radius=0.1, teeth=40) for n in ("b", "d")]
@@ -367,35 +380,32 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
         reference="a",
         revolutions_per_cycle=1,
     )
-    known = [
+    tolerances = [
         Tolerance(name="a|b.backlash", low=0.9e-4, high=1.2e-4),
         Tolerance(name="c|d.stiffness", low=0.9e8, high=1.1e8),
         Tolerance(name="a|c.stiffness", low=1.8e5, high=2.2e5),
         Tolerance(name="t.mean", low=390.0, high=410.0),
     ]
     of = [Objective(quantity="tooth force peak", of=name) for name in ("a|b", "c|d")]
-    bound, why = bounds(train, [12000.0], known, of)
+    bound, why = bounds(train, [12000.0], tolerances, of)
     assert (why == "").all()
-    box = box_of(train, tuple(known), tuple(of))
+    box = box_of(train, tuple(tolerances), tuple(of))
     largest = np.zeros(2)
     for u in [
         *itertools.product((-1.0, 1.0), repeat=4),
         *np.random.default_rng(1).uniform(-1.0, 1.0, (10, 4)),
     ]:
         response = jaxhb.solve(train.replace(box.named(np.array(u))), rpm=12000.0)
-        peaks = np.array([float(response.force(one.of).peak) for one in of])
+        peaks = np.array([float(response.force(objective.of).peak) for objective in of])
         assert (peaks <= bound[0] * (1 + 1e-9)).all()
         largest = np.maximum(largest, peaks)
     assert (bound[0] < 1.03 * largest).all()
     preloaded = [
-        float(
-            jaxhb.solve(train.replace({"a|b.backlash": h}), rpm=12000.0)
-            .force("c|d")
-            .mean
-        )
-        for h in (9e-5, 1.2e-4)
+        jaxhb.solve(train.replace({"a|b.backlash": backlash}), rpm=12000.0)
+        for backlash in (9e-5, 1.2e-4)
     ]
-    assert preloaded[1] > 1.1 * preloaded[0]
+    less, more = (float(response.force("c|d").mean) for response in preloaded)
+    assert more > 1.1 * less
 
 
 def test_what_cannot_be_bounded_says_why():
@@ -424,16 +434,15 @@ def test_what_cannot_be_bounded_says_why():
         loose, [100.0], [Tolerance(name="a.inertia", low=0.9, high=1.1)], [TORQUE]
     )
     assert why[0, 0] == "the stiffness of a|b is not constant"
-    found = jaxhb.tolerance(
+    result = jaxhb.tolerance(
         train,
         rpm=30000.0,
         of=[FORCE],
         tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)],
         bounds=False,
     )
-    assert (
-        np.isnan(found.bound).all() and found.no_bound[0, 0] == "it was not asked for"
-    )
+    assert np.isnan(result.bound).all()
+    assert result.no_bound[0, 0] == "it was not asked for"
 
 
 def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
@@ -442,17 +451,17 @@ def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
         "jaxhb.design.worst_case._Search.explore", lambda self, seed: None
     )
     monkeypatch.setattr("jaxhb.design.worst_case._Search.climb", lambda self: None)
-    asked = {
-        "rpm": [955.0],
-        "of": [TORQUE],
-        "tolerances": within(0.1, "a|b.stiffness", "a.inertia"),
-    }
-    alone = jaxhb.tolerance(pair(), **asked, bounds=False)
-    found = jaxhb.tolerance(pair(), **asked)
-    assert found.worst[0, 0] > alone.worst[0, 0] == alone.nominal[0, 0]
-    told = found.values(0, 0)
-    own = torque_of(955.0, told["a|b.stiffness"], 4.0, 0.02, told["a.inertia"])
-    assert (
-        own == pytest.approx(found.worst[0, 0], rel=1e-5)
-        and found.worst[0, 0] <= found.bound[0, 0]
-    )
+    tolerances = within(0.1, "a|b.stiffness", "a.inertia")
+
+    def worst_cases(bounds):
+        return jaxhb.tolerance(
+            pair(), rpm=[955.0], of=[TORQUE], tolerances=tolerances, bounds=bounds
+        )
+
+    alone = worst_cases(bounds=False)
+    bounded = worst_cases(bounds=True)
+    assert bounded.worst[0, 0] > alone.worst[0, 0] == alone.nominal[0, 0]
+    worst = bounded.values(0, 0)
+    torque = torque_of(955.0, worst["a|b.stiffness"], 4.0, 0.02, worst["a.inertia"])
+    assert torque == pytest.approx(bounded.worst[0, 0], rel=1e-5)
+    assert bounded.worst[0, 0] <= bounded.bound[0, 0]

@@ -12,11 +12,9 @@ import jaxhb
 from jaxhb.design import Objective, Parameter
 from jaxhb.design.quantities import QUANTITIES
 
-SPEEDS, SHAFT, TRAIN = (
-    np.array([420.0, 600.0, 1000.0]),
-    "line shaft",
-    jaxhb.load_scene(DATA / "scenes/limited_line.toml"),
-)
+SPEEDS = np.array([420.0, 600.0, 1000.0])
+SHAFT = "line shaft"
+TRAIN = jaxhb.load_scene(DATA / "scenes/limited_line.toml")
 NUMBERS = (
     "line shaft.outer",
     "line shaft.stress_concentration",
@@ -30,13 +28,13 @@ ELEMENTS |= dict.fromkeys(
 )
 
 
-def test_what_is_told_is_what_the_limits_tell():
-    r = jaxhb.forced_response(TRAIN, rpm=SPEEDS)
-    found = jaxhb.strength(r)
-    stress = found.stresses[SHAFT]
-    tooth = found.tooth_torques["pinion|wheel"]
-    heat = found.heat["ring"]
-    wanted = {
+def test_exact_values_are_those_of_the_limits():
+    response = jaxhb.forced_response(TRAIN, rpm=SPEEDS)
+    limits = jaxhb.strength(response)
+    stress = limits.stresses[SHAFT]
+    tooth = limits.tooth_torques["pinion|wheel"]
+    heat = limits.heat["ring"]
+    expected = {
         "stress": stress.stress,
         "stress over continuous limit": stress.stress / stress.continuous,
         "stress over transient limit": stress.stress / stress.transient,
@@ -45,26 +43,25 @@ def test_what_is_told_is_what_the_limits_tell():
         "power over limit": heat.power / heat.limit,
     }
     for quantity, of in ELEMENTS.items():
-        told = QUANTITIES[quantity].exact_value(r, of, None)
-        np.testing.assert_allclose(told, wanted[quantity], rtol=1e-9)
-        smooth = QUANTITIES[quantity].read(r, of, None)
-        assert (smooth <= told * (1 + 1e-12)).all() and (smooth >= 0.99 * told).all()
+        exact = QUANTITIES[quantity].exact_value(response, of, None)
+        np.testing.assert_allclose(exact, expected[quantity], rtol=1e-9)
+        smooth = QUANTITIES[quantity].read(response, of, None)
+        assert (smooth <= exact * (1 + 1e-12)).all()
+        assert (smooth >= 0.99 * exact).all()
         if quantity.startswith("stress over"):
-            assert told[2] == 0  # the rule ends at 1.05 of the rated speed
+            assert exact[2] == 0  # the rule ends at 1.05 of the rated speed
 
 
 def test_the_gradient_of_limits_is_that_of_differences():
     @jax.jit
     @jax.value_and_grad
     def total(step):
-        """Of all the limits, as all numbers change by a step of their own."""
+        """Sum of all limits, as each number changes by a step of its own."""
         sizes = dict(zip(NUMBERS, (1.0, -0.7, 0.4, 1.3), strict=True))
-        changed = TRAIN.replace(
-            {
-                name: TRAIN.value(name) * (1 + size * step)
-                for name, size in sizes.items()
-            }
-        )
+        values = {
+            name: TRAIN.value(name) * (1 + size * step) for name, size in sizes.items()
+        }
+        changed = TRAIN.replace(values)
         response = jaxhb.linear_response(changed, rpm=600.0)
         values = {
             quantity: QUANTITIES[quantity].read(response, of, None)
@@ -76,24 +73,24 @@ def test_the_gradient_of_limits_is_that_of_differences():
         )
 
     step = 1e-4
-    wanted = (total(step)[0] - total(-step)[0]) / (2 * step)
-    assert total(0.0)[1] == pytest.approx(float(wanted), rel=GRADIENT)
+    expected = (total(step)[0] - total(-step)[0]) / (2 * step)
+    assert total(0.0)[1] == pytest.approx(float(expected), rel=GRADIENT)
 
 
 def test_no_share_of_a_limit_is_told_where_the_rule_has_none():
-    """Of a design that is tuned, at and between its speeds: 1000 rpm lies above 1.05 of
-    the rated speed.
+    """A tuned design at and between its speeds: 1000 rpm lies above 1.05 of the rated
+    speed.
     """
-    read = Objective(quantity="stress over continuous limit", of=SHAFT)
+    share = Objective(quantity="stress over continuous limit", of=SHAFT)
     thicker = Parameter(name="line shaft.outer", low=0.1, high=0.12)
-    found = jaxhb.tune(
-        TRAIN, parameters=[thicker], rpm=[600.0, 800.0, 1000.0], objective=read, steps=1
-    )
-    readings = found.after.readings[f"{read.quantity} of {SHAFT}"]
-    assert (
-        found.after.solved.all() and (readings[:2] > 0).all() and np.isnan(readings[2])
-    )
-    checked = found.checked["after"]
+    rpm = [600.0, 800.0, 1000.0]
+    tuned = jaxhb.tune(TRAIN, parameters=[thicker], rpm=rpm, objective=share, steps=1)
+    label = f"{share.quantity} of {SHAFT}"
+    readings = tuned.after.readings[label]
+    assert tuned.after.solved.all()
+    assert (readings[:2] > 0).all()
+    assert np.isnan(readings[2])
+    checked = tuned.checked["after"]
     np.testing.assert_array_equal(
-        np.isnan(checked.readings[f"{read.quantity} of {SHAFT}"]), checked.rpm > 945.0
+        np.isnan(checked.readings[label]), checked.rpm > 945.0
     )

@@ -1,5 +1,5 @@
-"""Objectives: each against the number it smooths, its bound, its derivative, and what
-failed speeds do to it.
+"""Objectives: each against the number it smooths, its bound, its derivative, and its
+value where speeds fail.
 """
 
 import dataclasses
@@ -19,12 +19,16 @@ from jaxhb.design import objectives
 def response():
     """A ring, shafts and two meshes at a speed at which their teeth part."""
     train = build(branched_parts(), reference="crank gear")
-    both = {"active": (0, 1), "flank": (0, 0), "start": "march", "excited": 3}
-    response = jaxhb.solve(
-        train,
-        rpm=1500.0,
-        plan=jaxhb.Plan(harmonics=64, time_steps=768, tolerance=0.5, **both),
+    plan = jaxhb.Plan(
+        harmonics=64,
+        time_steps=768,
+        tolerance=0.5,
+        active=(0, 1),
+        flank=(0, 0),
+        start="march",
+        excited=3,
     )
+    response = jaxhb.solve(train, rpm=1500.0, plan=plan)
     assert response.converged
     return response
 
@@ -32,14 +36,15 @@ def response():
 @pytest.fixture(scope="module")
 def sweep(response):
     """Four speeds, the third of which failed and holds nan."""
-    several = jax.tree.map(lambda a: jnp.asarray(np.stack([a] * 4)), response)
-    forces = np.array([1.0, 1.2, np.nan, 0.9])[:, None, None] * several.forces
+    repeated = jax.tree.map(lambda a: jnp.asarray(np.stack([a] * 4)), response)
+    forces = np.array([1.0, 1.2, np.nan, 0.9])[:, None, None] * repeated.forces
     return dataclasses.replace(
-        several, forces=jnp.asarray(forces), status=jnp.array([0, 1, 3, 0])
+        repeated, forces=jnp.asarray(forces), status=jnp.array([0, 1, 3, 0])
     )
 
 
-MESH = ("crank gear", "idler")
+CRANK = "crank gear"
+IDLER = "idler"
 SCALABLE = ("angles", "torques", "deflections", "forces")
 
 
@@ -47,24 +52,20 @@ def test_derivatives_are_those_of_differences(response):
     @jax.jit
     @jax.vmap
     def values(factor):
-        r = dataclasses.replace(
+        scaled = dataclasses.replace(
             response, **{name: factor * getattr(response, name) for name in SCALABLE}
         )
-        read = (
-            objectives.tooth_force(r, *MESH),
-            objectives.shaft_torque(r, "flywheel", "crank gear"),
-        )
-        read += (
-            objectives.damper_power(r, "ring"),
-            objectives.separated_fraction(r, *MESH),
-        )
-        read += (
-            objectives.impact_severity(r, *MESH),
-            objectives.usable(r).force(*MESH).smooth_peak(),
-        )
-        return jnp.stack(
-            [*read, objectives.usable(r).torque("flywheel", "crank gear").order(2.0)]
-        )
+        usable = objectives.usable(scaled)
+        numbers = [
+            objectives.tooth_force(scaled, CRANK, IDLER),
+            objectives.shaft_torque(scaled, "flywheel", CRANK),
+            objectives.damper_power(scaled, "ring"),
+            objectives.separated_fraction(scaled, CRANK, IDLER),
+            objectives.impact_severity(scaled, CRANK, IDLER),
+            usable.force(CRANK, IDLER).smooth_peak(),
+            usable.torque("flywheel", CRANK).order(2.0),
+        ]
+        return jnp.stack(numbers)
 
     step = 1e-5
     back, ahead = values(1 + step * np.array([-1.0, 1.0]))
@@ -75,42 +76,44 @@ def test_derivatives_are_those_of_differences(response):
 
 def test_smooth_half_peak_to_peak_keeps_its_bound(response):
     for p in (16, 64, 256):
-        true = float(response.force(*MESH).half_peak_to_peak)
+        exact = float(response.force(CRANK, IDLER).half_peak_to_peak)
         assert (
-            true * response.resolution ** (-1 / p)
-            <= objectives.tooth_force(response, *MESH, p=p)
-            <= true
+            exact * response.resolution ** (-1 / p)
+            <= objectives.tooth_force(response, CRANK, IDLER, p=p)
+            <= exact
         )
 
 
 def test_smoothed_contact_tends_to_what_the_contact_reports(response):
-    contact = response.mesh(*MESH)
+    contact = response.mesh(CRANK, IDLER)
     assert contact.impacts
-    apart = objectives.separated_fraction(response, *MESH, smoothing=1e-3)
+    apart = objectives.separated_fraction(response, CRANK, IDLER, smoothing=1e-3)
     assert apart == pytest.approx(contact.separated_fraction, abs=2e-3)
-    severity = objectives.impact_severity(response, *MESH, smoothing=1e-2)
-    # the speed changes while the teeth pass the smooth edge, 2 % of the backlash
+    severity = objectives.impact_severity(response, CRANK, IDLER, smoothing=1e-2)
+    # The speed changes while the teeth pass the smooth edge, 2 % of the backlash.
     assert severity == pytest.approx(
         sum(impact["speed"] for impact in contact.impacts), rel=0.05
     )
 
 
 def test_failed_speeds_count_as_nothing_and_are_told(sweep):
-    def both(factor):
-        kept = sweep.forces.at[np.array([0, 1, 3])].multiply(
-            factor, unique_indices=True
+    def sum_and_worst(factor):
+        solved = sweep.forces.at[np.array([0, 1, 3])]
+        scaled = dataclasses.replace(
+            sweep, forces=solved.multiply(factor, unique_indices=True)
         )
-        scaled = dataclasses.replace(sweep, forces=kept)
-        forces = objectives.tooth_force(scaled, *MESH)
+        forces = objectives.tooth_force(scaled, CRANK, IDLER)
         total, count = objectives.weighted_sum(
             forces, scaled, weights=jnp.arange(1.0, 5.0)
         )
         largest, _ = objectives.worst(forces, scaled, width=10.0)
         return total + largest, (forces, count, total, largest)
 
-    gradient, told = jax.jit(jax.grad(both, has_aux=True))(1.0)
-    forces, count, total, largest = map(np.asarray, told)
-    assert count == 3 and forces[2] == 0 and np.isfinite(gradient)
+    gradient, values = jax.jit(jax.grad(sum_and_worst, has_aux=True))(1.0)
+    forces, count, total, largest = map(np.asarray, values)
+    assert count == 3
+    assert forces[2] == 0
+    assert np.isfinite(gradient)
     assert forces.max() <= largest <= forces.max() + 10 * np.log(3)
     assert total == pytest.approx(
         float(forces[0] + 2 * forces[1] + 4 * forces[3]), rel=ALGEBRAIC
@@ -122,15 +125,16 @@ def test_no_valid_speed_gives_zero_of_nothing(sweep):
 
     def largest(factor):
         return objectives.worst(
-            factor * objectives.tooth_force(lost, *MESH), lost, width=10.0
+            factor * objectives.tooth_force(lost, CRANK, IDLER), lost, width=10.0
         )
 
-    found, slope = jax.jit(jax.value_and_grad(largest, has_aux=True))(1.0)
-    assert slope == 0 and [float(v) for v in found] == [0.0, 0.0]
+    values, slope = jax.jit(jax.value_and_grad(largest, has_aux=True))(1.0)
+    assert slope == 0
+    assert [float(value) for value in values] == [0.0, 0.0]
 
 
 def test_a_mesh_without_backlash_never_parts(response):
-    never = dataclasses.replace(
+    rigid = dataclasses.replace(
         response,
         topology=dataclasses.replace(response.topology, mesh_backlash=(False, True)),
     )
@@ -139,4 +143,4 @@ def test_a_mesh_without_backlash_never_parts(response):
             jaxhb.SceneError,
             match="'crank gear|idler' has no backlash, its teeth never part",
         ):
-            quantity(never, *MESH)
+            quantity(rigid, CRANK, IDLER)

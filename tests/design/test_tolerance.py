@@ -1,5 +1,5 @@
 """Worst cases within tolerances: beside closed forms, dense grids and derivatives; and
-what is refused.
+refusals.
 """
 
 import numpy as np
@@ -10,9 +10,8 @@ from jaxhb import Disk, Mesh, SceneError, Shaft, Torque, build
 from jaxhb.design import Objective, Parameter, Tolerance
 from jaxhb.design.tolerances import box_of
 
-RPM = np.array(
-    [900.0, 955.0, 1200.0]
-)  # below, at and above the natural frequency of the train as it is
+# Below, at and above the natural frequency of the train as it is.
+RPM = np.array([900.0, 955.0, 1200.0])
 DRIVE = 5.0  # N m
 
 
@@ -40,32 +39,31 @@ BOX = [
 
 
 @pytest.fixture(scope="module")
-def found():
+def worst_cases():
     return jaxhb.tolerance(
         pair(), rpm=RPM, of=[TORQUE], tolerances=BOX, samples=40, harmonics=4
     )
 
 
-def test_the_worst_case_is_that_of_the_closed_form(found):
+def test_the_worst_case_is_that_of_the_closed_form(worst_cases):
     # The resonance is met inside the range at some speeds, at its end at others.
     stiffness = np.linspace(5.7e3, 7.7e3, 20001)
     damping = 3.0
     dense = [max(torque_of(rpm, stiffness, damping)) for rpm in RPM]
     np.testing.assert_allclose(
-        found.nominal[:, 0], torque_of(RPM, 6.7e3, 4.0), rtol=1e-5
+        worst_cases.nominal[:, 0], torque_of(RPM, 6.7e3, 4.0), rtol=1e-5
     )
-    np.testing.assert_allclose(
-        found.worst[:, 0], dense, rtol=1e-3
-    )  # a step that wins less ends it
-    own = [found.values(i, 0) for i in range(3)]
-    told = [
-        torque_of(rpm, own[i]["a|b.stiffness"], own[i]["a|b.damping"])
-        for i, rpm in enumerate(RPM)
+    # A step that wins less ends it.
+    np.testing.assert_allclose(worst_cases.worst[:, 0], dense, rtol=1e-3)
+    worst = [worst_cases.values(i, 0) for i in range(3)]
+    torques = [
+        torque_of(rpm, numbers["a|b.stiffness"], numbers["a|b.damping"])
+        for rpm, numbers in zip(RPM, worst, strict=True)
     ]
-    np.testing.assert_allclose(found.worst[:, 0], told, rtol=1e-5)
+    np.testing.assert_allclose(worst_cases.worst[:, 0], torques, rtol=1e-5)
 
 
-def test_slopes_are_those_of_the_closed_form(found):
+def test_slopes_are_those_of_the_closed_form(worst_cases):
     step = 1e-4
     by_stiffness = (
         torque_of(RPM, 6.7e3 + step, 4.0) - torque_of(RPM, 6.7e3 - step, 4.0)
@@ -73,45 +71,43 @@ def test_slopes_are_those_of_the_closed_form(found):
     by_damping = (
         torque_of(RPM, 6.7e3, 4.0 + step) - torque_of(RPM, 6.7e3, 4.0 - step)
     ) / (2 * step)
-    expected = np.transpose(
-        [by_stiffness * 1e3, by_damping * 1.5]
-    )  # over half the range
-    np.testing.assert_allclose(
-        found.slopes[:, 0], expected, rtol=1e-5
-    )  # differences; 4096 places of the maximum
+    # Slopes are over half the range.
+    expected = np.transpose([by_stiffness * 1e3, by_damping * 1.5])
+    # Differences; the maximum is at one of 4096 places.
+    np.testing.assert_allclose(worst_cases.slopes[:, 0], expected, rtol=1e-5)
 
 
-def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(found):
-    assert (
-        found.drawn.shape == (40, 2)
-        and np.abs(found.drawn).max() <= 1.0
-        and (found.solved == 1.0).all()
-    )
-    stiffness, damping = (found.drawn * [1e3, 1.5] + [6.7e3, 4.5]).T
-    own = torque_of(RPM[:, None], stiffness, damping)
-    np.testing.assert_allclose(found.samples[..., 0], own, rtol=1e-5)
+def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(worst_cases):
+    assert worst_cases.drawn.shape == (40, 2)
+    assert np.abs(worst_cases.drawn).max() <= 1.0
+    assert (worst_cases.solved == 1.0).all()
+    stiffness, damping = (worst_cases.drawn * [1e3, 1.5] + [6.7e3, 4.5]).T
+    torques = torque_of(RPM[:, None], stiffness, damping)
+    np.testing.assert_allclose(worst_cases.samples[..., 0], torques, rtol=1e-5)
     np.testing.assert_allclose(
-        found.percentile(95.0)[:, 0], np.percentile(own, 95.0, axis=1), rtol=1e-5
+        worst_cases.percentile(95.0)[:, 0],
+        np.percentile(torques, 95.0, axis=1),
+        rtol=1e-5,
     )
-    assert (found.samples[..., 0] <= found.worst).all()
+    assert (worst_cases.samples[..., 0] <= worst_cases.worst).all()
     # The effects of a linear response are its slopes; of this one those of the plane
     # through the sample.
-    plane = np.linalg.lstsq(np.column_stack([np.ones(40), found.drawn]), own.T)[0][1:].T
-    np.testing.assert_allclose(found.effects[:, 0], plane, rtol=1e-4)
+    sample = np.column_stack([np.ones(40), worst_cases.drawn])
+    plane = np.linalg.lstsq(sample, torques.T)[0][1:].T
+    np.testing.assert_allclose(worst_cases.effects[:, 0], plane, rtol=1e-4)
 
 
-def test_normal_tolerances_are_sampled_normal_and_what_belongs_together_has_one_ratio():
+def test_normal_tolerances_are_sampled_normal_and_numbers_together_have_one_ratio():
     scene = {"a|b.stiffness": {"std": 300.0, "together": ["a.inertia"]}}
-    found = jaxhb.tolerance(
+    sampled = jaxhb.tolerance(
         pair(scene), rpm=900.0, of=[TORQUE], samples=400, harmonics=4
     )
-    (one,) = found.tolerances
-    assert (one.low, one.high) == (6.7e3 - 900.0, 6.7e3 + 900.0)
-    assert (
-        abs(3 * found.drawn.std() - 1.0) < 0.05
-    )  # 3 deviations are the range; cut off there, 1.3 % less
-    own = found.values(0, 0)
-    assert own["a.inertia"] == pytest.approx(own["a|b.stiffness"] / 6.7e3)
+    (tolerance,) = sampled.tolerances
+    assert (tolerance.low, tolerance.high) == (6.7e3 - 900.0, 6.7e3 + 900.0)
+    # 3 deviations are the range; cut off there, 1.3 % less.
+    assert abs(3 * sampled.drawn.std() - 1.0) < 0.05
+    worst = sampled.values(0, 0)
+    assert worst["a.inertia"] == pytest.approx(worst["a|b.stiffness"] / 6.7e3)
 
 
 def test_teeth_that_hammer_are_worse_nowhere_on_a_grid():
@@ -129,23 +125,25 @@ def test_teeth_that_hammer_are_worse_nowhere_on_a_grid():
         Tolerance(name="a|b.backlash", low=5e-5, high=2e-4),
         Tolerance(name="b.inertia", low=0.02, high=0.04),
     ]
-    # Its search goes by the slopes of a sharp peak, without the warning that those who
-    # take them by mistake get.
+    # The search goes by the slopes of a sharp peak, without the warning for users who
+    # take them by mistake.
     peak = Objective(quantity="tooth force peak", of="a|b")
-    found = jaxhb.tolerance(
+    result = jaxhb.tolerance(
         train, rpm=15000.0, of=[force, peak], tolerances=box, harmonics=64
     )
+
+    def force_at(backlash, inertia):
+        changed = train.replace({"a|b.backlash": backlash, "b.inertia": inertia})
+        response = jaxhb.solve(changed, rpm=15000.0)
+        return float(response.force("a", "b").half_peak_to_peak)
+
     grid = [
-        float(
-            jaxhb.solve(train.replace({"a|b.backlash": g, "b.inertia": j}), rpm=15000.0)
-            .force("a", "b")
-            .half_peak_to_peak
-        )
-        for g in np.linspace(5e-5, 2e-4, 4)
-        for j in np.linspace(0.02, 0.04, 4)
+        force_at(backlash, inertia)
+        for backlash in np.linspace(5e-5, 2e-4, 4)
+        for inertia in np.linspace(0.02, 0.04, 4)
     ]
-    assert found.worst[0, 0] > 1.05 * found.nominal[0, 0]
-    assert found.worst[0, 0] > 0.98 * max(grid)  # 64 harmonics
+    assert result.worst[0, 0] > 1.05 * result.nominal[0, 0]
+    assert result.worst[0, 0] > 0.98 * max(grid)  # 64 harmonics
 
 
 @pytest.mark.oracle
@@ -156,38 +154,26 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
     train = jaxhb.load_scene("engine_with_damper")
     rpm = 1963.6
     force = Objective(quantity="tooth force", of="crank gear|idler")
-    found = [
+    worst = [
         jaxhb.tolerance(train, rpm=rpm, of=[force], bounds=False, seed=seed).worst[0, 0]
         for seed in range(4)
     ]
-    signs = (
-        -1,
-        1,
-        1,
-        -1,
-        -1,
-        1,
-        -1,
-        -1,
-        1,
-        -1,
-    )  # the corner with the largest force of all 1024
-    numbers = box_of(train, jaxhb.design.read_tolerances(train), [force]).named(
-        np.array(signs, dtype=float)
-    )
+    # The corner with the largest force of all 1024.
+    signs = np.array([-1, 1, 1, -1, -1, 1, -1, -1, 1, -1], dtype=float)
+    box = box_of(train, jaxhb.design.read_tolerances(train), [force])
+    numbers = box.named(signs)
     corner = (
         jaxhb.solve(train.replace(numbers), rpm=rpm)
         .force("crank gear", "idler")
         .half_peak_to_peak
     )
-    assert min(found) > 0.98 * float(
-        corner
-    )  # a solve is to 1 %, and the other side of the resonance 11 % lower
+    # A solve is to 1 %, and the other side of the resonance 11 % lower.
+    assert min(worst) > 0.98 * float(corner)
 
 
 @pytest.mark.oracle
 def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
-    """Two resonances: corners lead to the one with stiff rubber in the cam damper, 5 %
+    """Two resonances: corners lead to that with stiff rubber in the cam damper, 5 %
     lower than that inside.
     """
     train = jaxhb.load_scene("gear_train_30")
@@ -203,37 +189,27 @@ def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
         for part, n in parts.items()
         for field in ("stiffness", "damping", "backlash")[:n]
     ]
+    nominal = [float(train.value(name)) for name in names]
     box = [
-        Tolerance(name=name, low=0.85 * own, high=1.15 * own)
-        for name in names
-        for own in [float(train.value(name))]
+        Tolerance(name=name, low=0.85 * value, high=1.15 * value)
+        for name, value in zip(names, nominal, strict=True)
     ]
     force = Objective(quantity="tooth force", of="crank gear|idler")
-    found = [
+    worst = [
         jaxhb.tolerance(train, rpm=rpm, of=[force], tolerances=box, seed=seed).worst[
             0, 0
         ]
         for seed in range(2)
     ]
-    inside = (
-        -1,
-        -1,
-        -0.46,
-        -1,
-        0.98,
-        -1,
-        0.82,
-        -1,
-        -1,
-        0.57,
-    )  # the largest found from a sample of 3000
-    numbers = box_of(train, box, [force]).named(np.array(inside))
+    # The largest found from a sample of 3000.
+    inside = np.array([-1, -1, -0.46, -1, 0.98, -1, 0.82, -1, -1, 0.57])
+    numbers = box_of(train, box, [force]).named(inside)
     largest = (
         jaxhb.solve(train.replace(numbers), rpm=rpm)
         .force("crank gear", "idler")
         .half_peak_to_peak
     )
-    assert min(found) > 0.99 * float(largest)
+    assert min(worst) > 0.99 * float(largest)
 
 
 REFUSED = {
@@ -273,15 +249,15 @@ REFUSED = {
 def test_a_table_that_cannot_be_is_refused_in_a_sentence(sentence):
     with pytest.raises(SceneError) as caught:
         jaxhb.tolerance(pair(REFUSED[sentence]), rpm=RPM, of=[TORQUE])
-    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
 
 
 def test_dotted_keys_are_names_too():
     scene = {"a": {"inertia": {"share": 0.1}}, "a|b.stiffness": {"range": [6e3, 7e3]}}
-    assert [one.name for one in jaxhb.design.read_tolerances(pair(scene))] == [
-        "a.inertia",
-        "a|b.stiffness",
-    ]
+    tolerances = jaxhb.design.read_tolerances(pair(scene))
+    names = [tolerance.name for tolerance in tolerances]
+    assert names == ["a.inertia", "a|b.stiffness"]
 
 
 def absorbed():
@@ -299,46 +275,50 @@ def absorbed():
     return build(parts, name="absorbed", revolutions_per_cycle=1)
 
 
+ABSORBER_STIFFNESS = Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)
+ABSORBER_DAMPING = Parameter(name="absorber.damping", low=0.1, high=20.0)
+
+
 @pytest.mark.parametrize("kind", ["worst", "p95"])
 def test_a_robust_damper_is_better_within_the_tolerances_and_worse_without(kind):
     train = absorbed()
     rpm = np.linspace(800.0, 1150.0, 8)
-    known = [Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)]
-    asked = {
-        "parameters": [Parameter(name="absorber.damping", low=0.1, high=20.0)],
-        "objective": TORQUE,
-        "rpm": rpm,
-        "harmonics": 4,
-        "steps": 12,
-    }
-    tuned = jaxhb.tune(train, **asked, robust=kind, tolerances=known, seed=3)
+    tuned = jaxhb.tune(
+        train,
+        parameters=[ABSORBER_DAMPING],
+        objective=TORQUE,
+        rpm=rpm,
+        harmonics=4,
+        steps=12,
+        robust=kind,
+        tolerances=[ABSORBER_STIFFNESS],
+        seed=3,
+    )
     as_is, nominal, robust = tuned.robust.spreads.values()
-    assert tuned.train.value(
-        "absorber.damping"
-    ) > 1.1 * tuned.robust.nominal.train.value("absorber.damping")
+    robust_damping = tuned.train.value("absorber.damping")
+    nominal_damping = tuned.robust.nominal.train.value("absorber.damping")
+    assert robust_damping > 1.1 * nominal_damping
     if kind == "worst":
         assert robust.worst.max() < 0.97 * nominal.worst.max() < as_is.worst.max()
     else:
         assert robust.percentile(95).max() < 0.97 * nominal.percentile(95).max()
-    assert (
-        nominal.nominal.max() < robust.nominal.max()
-    )  # with just these numbers the nominal optimum is better
-    # No damping on a dense grid has a smaller worst case than that tuned for, but for
-    # what a tuning leaves.
+    # With just these numbers the nominal optimum is better.
+    assert nominal.nominal.max() < robust.nominal.max()
+
+    def torque(damping, stiffness, speed):
+        changed = train.replace(
+            {"absorber.damping": damping, "absorber.stiffness": stiffness}
+        )
+        response = jaxhb.linear_response(changed, rpm=speed)
+        return float(response.torque("a", "b").half_peak_to_peak)
+
+    # No damping on a dense grid has a smaller worst case than the tuned one, but for
+    # the rest that a tuning leaves.
     if kind == "worst":
         grid = [
             max(
-                float(
-                    jaxhb.linear_response(one, rpm=speed)
-                    .torque("a", "b")
-                    .half_peak_to_peak
-                )
+                torque(damping, stiffness, speed)
                 for stiffness in np.linspace(720.0, 1080.0, 9)
-                for one in [
-                    train.replace(
-                        {"absorber.damping": damping, "absorber.stiffness": stiffness}
-                    )
-                ]
                 for speed in rpm
             )
             for damping in np.geomspace(1.0, 12.0, 13)
@@ -355,17 +335,13 @@ ROBUST = {
 
 @pytest.mark.parametrize("sentence", ROBUST)
 def test_what_cannot_be_robust_is_refused_in_a_sentence(sentence):
-    known = {
-        "tolerances": [Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)]
-    }
-    damping = Parameter(name="absorber.damping", low=0.1, high=20.0)
     with pytest.raises(SceneError) as caught:
         jaxhb.tune(
             absorbed(),
-            parameters=[damping],
+            parameters=[ABSORBER_DAMPING],
             objective=TORQUE,
             rpm=[900.0],
-            **known | ROBUST[sentence],
+            **{"tolerances": [ABSORBER_STIFFNESS]} | ROBUST[sentence],
         )
     assert sentence in str(caught.value)
 
@@ -382,46 +358,47 @@ def test_speeds_without_a_solution_are_nan_and_not_an_error():
         revolutions_per_cycle=1,
     )
     resonance = 30 / np.pi * np.sqrt(6e3 * 1.5)
-    known = [Tolerance(name="b.inertia", low=1.9, high=2.1)]
-    found = jaxhb.tolerance(
-        train, rpm=[resonance], of=[TORQUE], tolerances=known, samples=5, harmonics=4
-    )
-    assert (
-        np.isnan(found.nominal).all()
-        and np.isnan(found.worst).all()
-        and (found.solved == 0).all()
-    )
-    found = jaxhb.tolerance(
-        train,
-        rpm=[resonance, 500.0],
-        of=[TORQUE],
-        tolerances=known,
-        samples=5,
-        harmonics=4,
-    )
-    assert np.isnan(found.worst[0, 0]) and found.worst[1, 0] > found.nominal[1, 0] > 0
+
+    def worst_cases(rpm):
+        return jaxhb.tolerance(
+            train,
+            rpm=rpm,
+            of=[TORQUE],
+            tolerances=[Tolerance(name="b.inertia", low=1.9, high=2.1)],
+            samples=5,
+            harmonics=4,
+        )
+
+    result = worst_cases([resonance])
+    assert np.isnan(result.nominal).all()
+    assert np.isnan(result.worst).all()
+    assert (result.solved == 0).all()
+    result = worst_cases([resonance, 500.0])
+    assert np.isnan(result.worst[0, 0])
+    assert result.worst[1, 0] > result.nominal[1, 0] > 0
 
 
-def test_a_robust_tuning_that_is_stopped_gives_the_best_design_so_far_and_searches_no_more():
+def test_a_stopped_robust_tuning_gives_the_best_design_so_far_and_ends_the_search():
+    seen: list = []
+
     def stop(step):
-        # Of the nominal tuning nothing is stopped, of the first robust one its first
-        # step.
+        # The nominal tuning goes on, the first robust tuning stops at its first step.
         seen.append(step.number)
         if seen.count(0) == 2 and step.number == 1:
             raise KeyboardInterrupt
 
-    seen: list = []
-    known = [Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)]
-    damping = Parameter(name="absorber.damping", low=0.1, high=20.0)
-    asked = {
-        "parameters": [damping],
-        "objective": TORQUE,
-        "rpm": [900.0, 1000.0],
-        "harmonics": 4,
-        "steps": 6,
-    }
     tuned = jaxhb.tune(
-        absorbed(), **asked, robust="worst", tolerances=known, on_step=stop
+        absorbed(),
+        parameters=[ABSORBER_DAMPING],
+        objective=TORQUE,
+        rpm=[900.0, 1000.0],
+        harmonics=4,
+        steps=6,
+        robust="worst",
+        tolerances=[ABSORBER_STIFFNESS],
+        on_step=stop,
     )
-    assert tuned.interrupted and tuned.robust is None and seen.count(0) == 2
+    assert tuned.interrupted
+    assert tuned.robust is None
+    assert seen.count(0) == 2
     assert tuned.train.value("absorber.damping") != 1.0

@@ -26,27 +26,19 @@ def optimum(case):
     """
     if case == "viscous":
         entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]
-        ratios = (
+        parts = (
             np.linspace(0.5, 0.9, 41),
             np.linspace(0.9, 1.0, 401)[1:],
             np.linspace(1, 1.5, 71)[1:],
         )
-        return (
-            entry["mu"],
-            0.0,
-            entry["zeta_opt_formula"],
-            (2 + entry["mu"]) / entry["mu"],
-            np.concatenate(ratios),
-        )
+        mass_ratio = entry["mu"]
+        peak = (2 + mass_ratio) / mass_ratio
+        speeds = np.concatenate(parts)
+        return mass_ratio, 0.0, entry["zeta_opt_formula"], peak, speeds
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][case]
     exact = entry["exact_Hinf"]
-    return (
-        entry["mu"],
-        exact["f"],
-        exact["zeta"],
-        exact["peak"],
-        trains.around_optimum(),
-    )
+    speeds = trains.around_optimum()
+    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], speeds
 
 
 @pytest.mark.oracle
@@ -57,31 +49,33 @@ def optimum(case):
 def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(
     case, stiffer, stronger
 ):
-    mu, tuned, zeta, peak, ratios = optimum(case)
-    ring = mu * trains.INERTIA
-    own = {
-        "damper.stiffness": (tuned * trains.NATURAL) ** 2 * ring,
+    mass_ratio, frequency_ratio, zeta, peak, speeds = optimum(case)
+    ring = mass_ratio * trains.INERTIA
+    exact = {
+        "damper.stiffness": (frequency_ratio * trains.NATURAL) ** 2 * ring,
         "damper.damping": 2 * zeta * ring * trains.NATURAL,
     }
     if case == "viscous":  # its damping ratio is over that of the main mass
-        own = {"damper.damping": 2 * zeta * trains.INERTIA * trains.NATURAL}
+        exact = {"damper.damping": 2 * zeta * trains.INERTIA * trains.NATURAL}
     bounds = [
         Parameter(name=name, low=value / 100, high=value * 100)
-        for name, value in own.items()
+        for name, value in exact.items()
     ]
-    start = stiffer * own.get("damper.stiffness", 0.0), stronger * own["damper.damping"]
-    found = trains.tuned_main_mass(
-        trains.main_mass(ring, *start), bounds, ratios
-    ).after.parameters
-    stiffness = found.get("damper.stiffness", 0.0)
-    damping = found["damper.damping"]
-    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(
-        peak, abs=5e-4
-    )  # four digits
-    assert zeta * damping / own["damper.damping"] == pytest.approx(
-        zeta, abs=5e-4
-    )  # three digits
-    assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(tuned, abs=5e-4)
+    start = trains.main_mass(
+        ring,
+        stiffer * exact.get("damper.stiffness", 0.0),
+        stronger * exact["damper.damping"],
+    )
+    numbers = trains.tuned_main_mass(start, bounds, speeds).after.parameters
+    stiffness = numbers.get("damper.stiffness", 0.0)
+    damping = numbers["damper.damping"]
+    # Four digits.
+    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)
+    # Three digits.
+    assert zeta * damping / exact["damper.damping"] == pytest.approx(zeta, abs=5e-4)
+    assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(
+        frequency_ratio, abs=5e-4
+    )
 
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
@@ -154,43 +148,39 @@ def assessed():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         patch.setattr("jaxhb.design.evaluation.plan_designs", planned)
-        made = bench()
+        evaluator = bench()
         z = np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
-        return made, made.at(
-            z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), rescues=4
-        )
+        all_speeds = aim(np.ones((2, 4), dtype=bool))
+        return evaluator, evaluator.at(z, evaluator.unsolved(z), all_speeds, rescues=4)
 
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
-    made, point = assessed
+    evaluator, point = assessed
     along = np.array([0.6, -0.5, 0.8])
 
     def values(steps):
         both = np.stack([along, 0 * along])
         pairs = [
-            made.at(point.z + step * both, point, aim(point.solved))
+            evaluator.at(point.z + step * both, point, aim(point.solved))
             for step in steps[:, 0]
         ]
         return np.array([pair.value[0] for pair in pairs])
 
-    wanted = differences(values, np.zeros(1), np.full(1, 3e-4))
-    assert point.gradient[0] @ along == pytest.approx(float(wanted[0]), rel=GRADIENT)
-    readings = dict(
-        zip(
-            (c.quantity for c in (*OBJECTIVES, *PENALTIES)), point.readings, strict=True
-        )
-    )
+    expected = differences(values, np.zeros(1), np.full(1, 3e-4))
+    assert point.gradient[0] @ along == pytest.approx(float(expected[0]), rel=GRADIENT)
+    quantities = [criterion.quantity for criterion in (*OBJECTIVES, *PENALTIES)]
+    readings = dict(zip(quantities, point.readings, strict=True))
     assert (readings["damper power"][0] > 1).any()
-    assert (
-        readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
-    )
+    assert readings["inertia added"][0] > 1e-3
+    assert readings["natural frequency"][0] < 180.0
 
 
 def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
-    made, point = assessed
+    evaluator, point = assessed
     solved = point.solved
     np.testing.assert_array_equal(solved, [[True] * 4, [True, True, True, False]])
-    assert np.isfinite(point.value).all() and np.isfinite(point.gradient).all()
+    assert np.isfinite(point.value).all()
+    assert np.isfinite(point.gradient).all()
     assert all(np.isfinite(reading).all() for reading in point.readings)
     forces, angles, power, added, frequency = point.readings
     smooth = 0.05 * np.log(np.where(solved, np.exp(forces / 700.0 / 0.05), 0.0).sum(1))
@@ -208,28 +198,28 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
 
 
 def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
-    made, point = assessed
-    (numbers, _), pull, done = (
-        made.numbers_of(point.z, point.speeds),
-        evaluation.pull_lanes,
-        [],
-    )
+    evaluator, point = assessed
+    numbers, _ = evaluator.numbers_of(point.z, point.speeds)
+    pull = evaluation.pull_lanes
+    done = []
 
-    def broken(lanes, *given, **static):
-        """Without a derivative, once, of the second speed of the first design, whatever
-        lanes come with it.
+    def broken(lanes, *arguments, **static):
+        """The derivatives, without that of the second speed of the first design once,
+        whatever lanes come with it.
         """
-        found = pull(lanes, *given, **static)
+        derivatives = pull(lanes, *arguments, **static)
         same = [
-            (leaf == own[0, 1]).reshape(len(leaf), -1).all(1)
-            for leaf, own in zip(lanes, numbers, strict=True)
+            (leaf == number[0, 1]).reshape(len(leaf), -1).all(1)
+            for leaf, number in zip(lanes, numbers, strict=True)
         ]
         lane = [] if done else np.flatnonzero(np.all(same, axis=0))
         done.extend(lane)
-        return [leaf.at[lane].set(np.nan) for leaf in found] if len(lane) else found
+        if not len(lane):
+            return derivatives
+        return [leaf.at[lane].set(np.nan) for leaf in derivatives]
 
     monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
-    again = made.at(point.z, point, aim(point.solved))
+    again = evaluator.at(point.z, point, aim(point.solved))
     np.testing.assert_array_equal(
         again.status[0] == jaxhb.Status.STALLED, [False, True, False, False]
     )
@@ -239,89 +229,94 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
 
 @pytest.fixture
 def same_plan(monkeypatch):
-    """The plan of the tests above, so that nothing is compiled twice, and starts from
-    which what is lost stays lost.
+    """The plan of the tests above, so that nothing is compiled twice, and no other
+    start that would bring a lost speed back.
     """
     monkeypatch.setattr("jaxhb.design.evaluation.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
 
-def tuned(**options):
-    what = {
-        "parameters": PARAMETERS,
-        "objective": OBJECTIVES,
-        "penalties": PENALTIES,
-        "rpm": SPEEDS,
-    }
-    return jaxhb.tune(hammering(), **what, harmonics=32, starts=2, seed=1, **options)
+def tuned(steps, on_step=None):
+    return jaxhb.tune(
+        hammering(),
+        parameters=PARAMETERS,
+        objective=OBJECTIVES,
+        penalties=PENALTIES,
+        rpm=SPEEDS,
+        harmonics=32,
+        starts=2,
+        seed=1,
+        steps=steps,
+        on_step=on_step,
+    )
 
 
-def assert_solves_tell_the_same(found):
-    """Tooth forces of the tuned design are those of solves that know nothing of the
-    tuning.
+def assert_solves_tell_the_same(tuning):
+    """Tooth forces of the tuned design are those of solves without the tuning.
 
     With 32 harmonics, below the mesh modes, a solve may find another one beside it at
     one of these close speeds.
     """
-    after = found.after.readings["tooth force order 1 of crank gear|idler"]
-    speeds = SPEEDS[found.after.solved]
-    solves = [jaxhb.solve(found.train, rpm=speed, harmonics=32) for speed in speeds]
+    after = tuning.after.readings["tooth force order 1 of crank gear|idler"]
+    speeds = SPEEDS[tuning.after.solved]
+    solves = [jaxhb.solve(tuning.train, rpm=speed, harmonics=32) for speed in speeds]
     # Tunings average the law between time samples, as plans do.
-    plan = jaxhb.plan(found.train, rpm=float(speeds[0]), harmonics=32)
+    plan = jaxhb.plan(tuning.train, rpm=float(speeds[0]), harmonics=32)
     starts = zip(speeds, solves, strict=True)
     solves = [
-        jaxhb.solve(found.train, rpm=speed, plan=plan, start=solve)
+        jaxhb.solve(tuning.train, rpm=speed, plan=plan, start=solve)
         for speed, solve in starts
     ]
     forces = [float(solve.force("crank gear", "idler").order(1.0)) for solve in solves]
     assert all(solve.status <= jaxhb.Status.TOLERANCE_NOT_MET for solve in solves)
     assert (
-        np.isclose(after[found.after.solved], forces, rtol=PATHS, atol=0).sum()
+        np.isclose(after[tuning.after.solved], forces, rtol=PATHS, atol=0).sum()
         >= len(solves) - 1
     )
-    near = after[found.after.solved]
+    near = after[tuning.after.solved]
     assert np.ptp(near) < 0.02 * near.max()
 
 
 @pytest.mark.oracle
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
-    found = tuned(steps=2)
+    tuning = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"
-    before = found.before.readings[label]
-    after = found.after.readings[label]
+    before = tuning.before.readings[label]
+    after = tuning.after.readings[label]
     assert after.max() < 0.9 * before.max()
-    assert (
-        found.after.solved | ~found.before.solved
-    ).all() and found.before.solved.all()
-    pairs = zip(found.history, found.history[1:], strict=False)
+    assert (tuning.after.solved | ~tuning.before.solved).all()
+    assert tuning.before.solved.all()
+    pairs = zip(tuning.history, tuning.history[1:], strict=False)
     assert all(
         b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective)
         for a, b in pairs
     )
-    most = max(solved for *_, solved in found.outcomes)
-    best = min(objective for objective, _, solved in found.outcomes if solved == most)
-    winner, _, solved = found.outcomes[found.history[-1].start]
-    assert len(found.outcomes) == 2 and (winner, solved) == (best, most)
+    most = max(solved for *_, solved in tuning.outcomes)
+    best = min(objective for objective, _, solved in tuning.outcomes if solved == most)
+    winner, _, solved = tuning.outcomes[tuning.history[-1].start]
+    assert len(tuning.outcomes) == 2
+    assert (winner, solved) == (best, most)
     for parameter in PARAMETERS:
         assert (
-            found.train.value(parameter.name) == found.after.parameters[parameter.name]
+            tuning.train.value(parameter.name)
+            == tuning.after.parameters[parameter.name]
         )
-        assert parameter.low < found.after.parameters[parameter.name] < parameter.high
-    assert_solves_tell_the_same(found)
+        assert parameter.low < tuning.after.parameters[parameter.name] < parameter.high
+    assert_solves_tell_the_same(tuning)
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("found_again", [True, False])
-def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_and_the_tuning_goes_on(
-    same_plan, monkeypatch, found_again
-):
-    """Every solve at 1500 rpm fails after the first step, until other starts were asked
-    for it.
+def test_a_tuning_goes_on_after_it_lost_a_speed(same_plan, monkeypatch, found_again):
+    """Every solve at 1500 rpm fails after the first step, until other starts were tried
+    there. These find the speed again, or else the step is halved.
     """
-    armed, asked, read = [], [], evaluation.read_lanes
+    armed = []
+    rescues = []
+    read = evaluation.read_lanes
 
     def other_starts(train, rpm, **options):
-        asked.append(rpm)
+        rescues.append(rpm)
         return (
             jaxhb.solve(train, rpm=rpm, **options)
             if found_again and rpm == SPEEDS[1]
@@ -329,32 +324,27 @@ def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_a
         )
 
     def failing(numbers, held, rpm, *rest, **static):
-        smooth, found, (status, *told) = read(numbers, held, rpm, *rest, **static)
-        fails = bool(armed) and SPEEDS[1] not in asked
-        return (
-            smooth,
-            found,
-            (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told),
+        smooth, solutions, (status, *outcome) = read(
+            numbers, held, rpm, *rest, **static
         )
+        fails = bool(armed) and SPEEDS[1] not in rescues
+        status = np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status)
+        return smooth, solutions, (status, *outcome)
 
     monkeypatch.setattr("jaxhb.design.evaluation.solve", other_starts)
     monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
-    found = tuned(
+    tuning = tuned(
         steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None
     )
-    assert SPEEDS[1] in asked and [step.number for step in found.history] == [
-        0,
-        1,
-        2,
-        3,
-    ]
+    assert SPEEDS[1] in rescues
+    assert [step.number for step in tuning.history] == [0, 1, 2, 3]
     assert (
-        found.history[3].objective
-        < found.history[2].objective
-        < found.history[1].objective
+        tuning.history[3].objective
+        < tuning.history[2].objective
+        < tuning.history[1].objective
     )
-    assert found.after.solved[:3].all()
-    assert_solves_tell_the_same(found)
+    assert tuning.after.solved[:3].all()
+    assert_solves_tell_the_same(tuning)
 
 
 class Bowl:
@@ -376,10 +366,14 @@ class Bowl:
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
-        value = ((z - 3) ** 2).sum(1)
-        gradient = 2 * (z - 3)
-        found = {"status": status, "value": value, "gradient": gradient}
-        return dataclasses.replace(near, z=z, **found, exact=np.zeros((len(z), 2, 0)))
+        return dataclasses.replace(
+            near,
+            z=z,
+            status=status,
+            value=((z - 3) ** 2).sum(1),
+            gradient=2 * (z - 3),
+            exact=np.zeros((len(z), 2, 0)),
+        )
 
     def finer(self, point, counted):
         return None
@@ -397,18 +391,18 @@ def descended(optimizer, on_step=lambda step: None, evaluator=None):
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam", optax.rmsprop(0.3)])
 def test_no_step_that_loses_a_speed_is_accepted(optimizer):
     _, first, best, *_ = descended(optimizer)
-    assert best.solved.all() and (best.value < first.value).all()
-    assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
+    assert best.solved.all()
+    assert (best.value < first.value).all()
+    assert (best.z <= 1.0).all()
+    assert best.z.max(1) == pytest.approx(1.0, abs=0.05)
     assert best_of(best) == np.argmin(best.value)
 
 
 def test_an_optax_transformation_makes_the_steps_that_its_name_makes():
-    """The name stands for a transformation with a rate of its own; here that rate is
-    given.
-    """
+    """The name stands for a transformation with a rate of its own, set here."""
     _, _, named, *_ = descended("adam")
-    _, _, given, *_ = descended(optax.adam(0.4))
-    np.testing.assert_allclose(given.z, named.z, rtol=1e-12)
+    _, _, transformed, *_ = descended(optax.adam(0.4))
+    np.testing.assert_allclose(transformed.z, named.z, rtol=1e-12)
 
 
 def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
@@ -419,18 +413,21 @@ def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
     """
     swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
     pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
-    asked = {
-        "parameters": [pulley],
-        "rpm": [1800.0, 2000.0, 2200.0],
-        "objective": swing,
-        "steps": 2,
-    }
-    train, at, calls = (
-        jaxhb.load_scene("six_cylinder_diesel"),
-        evaluation.Evaluator.at,
-        [],
-    )
-    whole = jaxhb.tune(train, **asked)
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    at = evaluation.Evaluator.at
+    calls = []
+
+    def tune(out=None):
+        return jaxhb.tune(
+            train,
+            parameters=[pulley],
+            rpm=[1800.0, 2000.0, 2200.0],
+            objective=swing,
+            steps=2,
+            out=out,
+        )
+
+    whole = tune()
 
     def stopped(self, *args, **options):
         calls.append(1)
@@ -440,14 +437,15 @@ def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
 
     monkeypatch.setattr(evaluation.Evaluator, "at", stopped)
     with pytest.raises(KeyboardInterrupt):
-        jaxhb.tune(train, **asked, out=tmp_path)
-    assert jaxhb.tune(train, **asked, out=tmp_path).interrupted
-    again = jaxhb.tune(train, **asked, out=tmp_path)
-    assert len(calls) == whole.history[-1].evaluations + 2 and not again.interrupted
+        tune(out=tmp_path)
+    assert tune(out=tmp_path).interrupted
+    again = tune(out=tmp_path)
+    assert len(calls) == whole.history[-1].evaluations + 2
+    assert not again.interrupted
     assert again.after.parameters == whole.after.parameters
 
-    def numbers(found):
-        return [dataclasses.replace(step, seconds=0.0) for step in found.history]
+    def numbers(tuning):
+        return [dataclasses.replace(step, seconds=0.0) for step in tuning.history]
 
     assert numbers(again) == numbers(whole)
     for label, values in whole.after.readings.items():
@@ -460,7 +458,8 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
             raise KeyboardInterrupt
 
     descent, _, best, _, interrupted = descended("lbfgs", stop)
-    assert interrupted and [step.number for step in descent.history] == [0, 1]
+    assert interrupted
+    assert [step.number for step in descent.history] == [0, 1]
     assert (
         dict(enumerate(best.z[best_of(best)].tolist()))
         == descent.history[-1].parameters
@@ -470,68 +469,66 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
 KINDS = {"parameters": Parameter, "objective": Objective, "penalties": Penalty}
 
 
-@pytest.mark.parametrize(("sentence", "given"), reference("cases")["tunings"])
-def test_bad_input_is_one_clear_sentence(sentence, given):
-    asked = {
+@pytest.mark.parametrize(("sentence", "changes"), reference("cases")["tunings"])
+def test_bad_input_is_one_clear_sentence(sentence, changes):
+    def read(key, value):
+        if isinstance(value, list):
+            return tuple(read(key, entry) for entry in value)
+        return KINDS[key](**value) if isinstance(value, dict) else value
+
+    settings = {
         "parameters": PARAMETERS,
         "objective": OBJECTIVES[0],
         "penalties": PENALTIES,
         "rpm": SPEEDS,
     }
-    for key, value in given.items():
-        several = (
-            [KINDS[key](**one) if key in KINDS else one for one in value]
-            if isinstance(value, list)
-            else None
-        )
-        asked[key] = (
-            KINDS[key](**value)
-            if isinstance(value, dict)
-            else value
-            if several is None
-            else tuple(several)
-        )
+    for key, value in changes.items():
+        settings[key] = read(key, value)
     with pytest.raises(jaxhb.SceneError) as caught:
-        jaxhb.tune(hammering(), **asked)
-    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+        jaxhb.tune(hammering(), **settings)
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) == 1
 
 
 def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
-    given = {"parameters": [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]}
-    given["objective"] = Objective(quantity="impact severity", of="input 1|lay 1")
+    train = trains.build(trains.gearbox_parts(), reference="motor")
+    ring = Parameter(name="viscous ring.damping", low=1.0, high=9.0)
+    severity = Objective(quantity="impact severity", of="input 1|lay 1")
     with pytest.raises(
         jaxhb.SceneError,
         match="mesh 'input 1|lay 1' has no backlash, its teeth never part",
     ):
-        jaxhb.tune(
-            trains.build(trains.gearbox_parts(), reference="motor"),
-            rpm=[900.0],
-            **given,
-        )
+        jaxhb.tune(train, rpm=[900.0], parameters=[ring], objective=severity)
 
 
 @pytest.mark.parametrize("backlash", [None, 1e-4])
 def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     class Lost(Bowl):
-        law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
-        train = trains.build(
-            trains.one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law),
-            reference="a",
+        parts = trains.one_mass_parts(
+            m=1.0,
+            b=0.1,
+            c=1.0,
+            q0=0.0,
+            q1=1.0,
+            eps=backlash and 0.1,
+            transition=backlash and 0.2,
+            h=backlash,
         )
+        train = trains.build(parts, reference="a")
 
         def at(self, z, near, aim, **_):
             return near
 
     with pytest.raises(jaxhb.SceneError) as caught:
         descended("lbfgs", evaluator=Lost())
-    said = str(caught.value)
+    message = str(caught.value)
     assert (
         "test train: none of the 2 speeds from 1000 to 1500 rpm converges at the start"
-        " (2 MAX_STEPS)" in said
+        " (2 MAX_STEPS)" in message
     )
-    assert ("Tune a copy of the scene without the backlash keys" in said) == bool(
+    assert ("Tune a copy of the scene without the backlash keys" in message) == bool(
         backlash
     )
-    assert said.endswith(
+    assert message.endswith(
         "by jaxhb sweep." if backlash else "look at them with jaxhb sweep."
     )

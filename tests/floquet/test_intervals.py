@@ -1,8 +1,8 @@
 """The variational equation in damped modes, interval by interval, against the dense
 equation solved arc by arc.
 
-Multipliers are those of the equation around any motion: these are given, and no train
-is solved.
+Multipliers are those of the equation around any motion: the tests choose motions, and
+no train is solved.
 """
 
 import dataclasses
@@ -27,58 +27,51 @@ LIGHT_PAIR = jaxhb.load_scene(DATA / "scenes" / "light_pair.toml")
 PLAY = 1e-4  # m, half the backlash of the light pair
 
 
-def pair(teeth=(None, None), **mesh):
+def pair(teeth=(None, None), **changes):
     """The light pair with other numbers of its mesh."""
-    disks = [
+    mesh = jaxhb.Mesh(
+        between=("pinion", "wheel"),
+        stiffness=2e6,
+        damping=500.0,
+        backlash=2 * PLAY,
+        epsilon=0.01,
+        transition=0.3,
+    )
+    parts = [
         jaxhb.Disk(name="motor", inertia=0.02, damping=0.5),
         jaxhb.Disk(name="pinion", inertia=0.01, radius=0.05, teeth=teeth[0]),
         jaxhb.Disk(name="wheel", inertia=0.05, radius=0.1, teeth=teeth[1], damping=0.4),
-    ]
-    numbers = {
-        "stiffness": 2e6,
-        "damping": 500.0,
-        "backlash": 2 * PLAY,
-        "epsilon": 0.01,
-        "transition": 0.3,
-    } | mesh
-    links = [jaxhb.Shaft(between=("motor", "pinion"), stiffness=2000.0, damping=2.0)]
-    links += [
-        jaxhb.Mesh(between=("pinion", "wheel"), **numbers),
+        jaxhb.Shaft(between=("motor", "pinion"), stiffness=2000.0, damping=2.0),
+        dataclasses.replace(mesh, **changes),
         jaxhb.Ground(disk="motor", stiffness=0.5),
+        jaxhb.Torque(disk="motor", mean=10.0),
+        jaxhb.Torque(disk="wheel", mean=-20.0),
     ]
-    return build(
-        [
-            *disks,
-            *links,
-            jaxhb.Torque(disk="motor", mean=10.0),
-            jaxhb.Torque(disk="wheel", mean=-20.0),
-        ],
-        reference="motor",
+    return build(parts, reference="motor")
+
+
+def varying_pair(**changes):
+    """The light pair with a stiffness that varies with the teeth."""
+    return pair(
+        teeth=(20, 40),
+        stiffness_orders=((1.0, 0.2, 0.05), (2.0, 0.05, 0.02)),
+        transition=0.1,
+        **changes,
     )
 
 
-def clutch(**disc):
+def clutch(**changes):
+    disc = jaxhb.Shaft(
+        between=("engine", "gear"), stiffness=200.0, damping=0.4, name="disc"
+    )
     parts = [
         jaxhb.Disk(name="engine", inertia=0.2, damping=0.3),
         jaxhb.Disk(name="gear", inertia=0.05, damping=0.5),
+        dataclasses.replace(disc, **changes),
+        jaxhb.Torque(disk="engine", mean=20.0),
+        jaxhb.Torque(disk="gear", mean=-20.0),
     ]
-    parts += [
-        jaxhb.Shaft(
-            between=("engine", "gear"),
-            stiffness=200.0,
-            damping=0.4,
-            name="disc",
-            **disc,
-        )
-    ]
-    return build(
-        [
-            *parts,
-            jaxhb.Torque(disk="engine", mean=20.0),
-            jaxhb.Torque(disk="gear", mean=-20.0),
-        ],
-        reference="engine",
-    )
+    return build(parts, reference="engine")
 
 
 def rough(count, size, harmonics=16, seed=0):
@@ -92,10 +85,9 @@ def rough(count, size, harmonics=16, seed=0):
 
 
 def moving(train, rpm, size, seed=0):
-    """The train as if it were solved at a speed with given deflections."""
-    deflections = rough(
-        len(train.topology.mesh_names) + len(train.topology.springs), size, seed=seed
-    )
+    """The train as if it were solved at a speed, with rough deflections."""
+    count = len(train.topology.mesh_names) + len(train.topology.springs)
+    deflections = rough(count, size, seed=seed)
     return SimpleNamespace(
         train=train, rpm=rpm, topology=train.topology, deflections=deflections
     )
@@ -108,29 +100,22 @@ def both(response, monkeypatch):
     monkeypatch.setattr(
         "jaxhb.floquet.stability.train_of", lambda response: response.train
     )
-    found = stability(response)
+    computed = stability(response)
     expected = np.linalg.eigvals(dense_monodromy(response).matrix)
-    return found, expected[np.argsort(-np.abs(expected))]
+    return computed, expected[np.argsort(-np.abs(expected))]
 
 
-def difference(found, expected, count=6):
-    """Largest distance of the largest of ``expected`` from what was found, over the
-    largest of all.
+def difference(computed, expected, count=6):
+    """Distance of the largest of ``expected`` from the computed multipliers, the
+    largest, over the largest multiplier of all.
     """
-    nearest = [np.abs(found.multipliers - value).min() for value in expected[:count]]
+    nearest = [np.abs(computed.multipliers - value).min() for value in expected[:count]]
     return max(nearest) / np.abs(expected[0])
 
 
-STOPS = {
-    "clearance": 1.0,
-    "stages": [(3.0, 1000.0)],
-    "stops": [(-5.0, 3000.0), (6.0, 5000.0)],
-}
-VARYING = {
-    "teeth": (20, 40),
-    "stiffness_orders": ((1.0, 0.2, 0.05), (2.0, 0.05, 0.02)),
-    "transition": 0.1,
-}
+STOPPED = clutch(
+    clearance=1.0, stages=[(3.0, 1000.0)], stops=[(-5.0, 3000.0), (6.0, 5000.0)]
+)
 TRAINS = {
     "damping in contact": (pair(), 2 * PLAY, 1e-7),
     "damping always": (pair(damping_law="always"), 2 * PLAY, 1e-7),
@@ -139,13 +124,13 @@ TRAINS = {
         2 * PLAY,
         1e-6,
     ),
-    "a stiffness that varies": (pair(**VARYING), 2 * PLAY, 1e-7),
+    "a stiffness that varies": (varying_pair(), 2 * PLAY, 1e-7),
     "a stiffness that varies, damped always": (
-        pair(**VARYING, damping_law="always"),
+        varying_pair(damping_law="always"),
         2 * PLAY,
         1e-7,
     ),
-    "play, stages and stops": (clutch(**STOPS), 0.1, 1e-6),
+    "play, stages and stops": (STOPPED, 0.1, 1e-6),
     "friction": (clutch(friction=3.0), 0.1, 1e-4),
     "friction that sticks at once": (clutch(friction=3.0, slip_speed=0.002), 0.1, 2e-3),
 }
@@ -155,9 +140,9 @@ TRAINS = {
 def test_multipliers_are_those_of_the_dense_equation(name, monkeypatch):
     train, size, bound = TRAINS[name]
     for rpm in (900.0, 3000.0):
-        found, expected = both(moving(train, rpm, size), monkeypatch)
-        assert len(found.multipliers) == len(expected)
-        assert difference(found, expected) < bound
+        computed, expected = both(moving(train, rpm, size), monkeypatch)
+        assert len(computed.multipliers) == len(expected)
+        assert difference(computed, expected) < bound
 
 
 @pytest.mark.parametrize("grounded", [True, False])
@@ -168,29 +153,29 @@ def test_loops_rings_massless_disks_and_free_rotation_are_served(grounded, monke
     parts = gearbox_parts(grounded=grounded)
     parts = [
         (
-            dataclasses.replace(p, backlash=1e-4)
-            if getattr(p, "stiffness", 0) in (1e8, 2e8)
-            else p
+            dataclasses.replace(part, backlash=1e-4)
+            if getattr(part, "stiffness", 0) in (1e8, 2e8)
+            else part
         )
-        for p in parts
+        for part in parts
     ]
     train = build(parts, reference="motor")
-    found, expected = both(moving(train, 900.0, 1e-4), monkeypatch)
-    assert train.topology.law_index.tolist() == [0, 1] and len(
-        found.multipliers
-    ) == len(expected)
-    assert difference(found, expected, 8) < 1e-6
+    computed, expected = both(moving(train, 900.0, 1e-4), monkeypatch)
+    assert train.topology.law_index.tolist() == [0, 1]
+    assert len(computed.multipliers) == len(expected)
+    assert difference(computed, expected, 8) < 1e-6
     if not grounded:
         np.testing.assert_allclose(
-            np.sort(np.abs(found.multipliers - 1))[:2], 0.0, atol=1e-9
+            np.sort(np.abs(computed.multipliers - 1))[:2], 0.0, atol=1e-9
         )
 
 
 def test_modes_of_a_finely_divided_train_all_take_part(monkeypatch):
     train = refined(LIGHT_PAIR, 30)
-    found, expected = both(moving(train, 900.0, 2 * PLAY), monkeypatch)
-    assert len(found.multipliers) == len(expected) == 60 and found.rotation.sum() == 2
-    assert difference(found, expected, 8) < 1e-6
+    computed, expected = both(moving(train, 900.0, 2 * PLAY), monkeypatch)
+    assert len(computed.multipliers) == len(expected) == 60
+    assert computed.rotation.sum() == 2
+    assert difference(computed, expected, 8) < 1e-6
 
 
 def mathieu(monkeypatch, count):
@@ -200,11 +185,11 @@ def mathieu(monkeypatch, count):
     """
     monkeypatch.setattr(intervals, "PER_PERIOD", 2.0**-30)
     monkeypatch.setattr(intervals, "FEWEST", count)
-    params, wanted = method_case("A7_damped_mathieu_monodromy")
-    b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
+    params, expected = method_case("A7_damped_mathieu_monodromy")
+    b, c0, a = (float(params[key]) for key in ("b", "c0", "a"))
     contact = 3.0
     gap = 0.3
-    mass = one_mass(
+    system, meshes = one_mass(
         mass=1,
         damping=b,
         stiffness=contact,
@@ -215,24 +200,22 @@ def mathieu(monkeypatch, count):
     middle = 0.4 + 0.2 * (c0 - gap) / (contact - gap)
     swing = 0.2 * a / (contact - gap)
     deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
-    parts = partition(*mass)
-    space = jax.tree.map(np.asarray, state_space(*mass, 1.0, parts))
-    modes = unheld_modes(*mass, space, 1.0, parts)
-    found = intervals.monodromy(
-        modes, slopes.reactions_of(modes, mass[1]), deflection, 1.0
-    )
+    parts = partition(system, meshes)
+    space = jax.tree.map(np.asarray, state_space(system, meshes, 1.0, parts))
+    modes = unheld_modes(system, meshes, space, 1.0, parts)
+    reactions = slopes.reactions_of(modes, meshes)
+    monodromy = intervals.monodromy(modes, reactions, deflection, 1.0)
     to_motion = intervals.real_states(modes, modes.motion)
-    return np.abs(
-        to_motion @ found.matrix @ np.linalg.inv(to_motion)
-        - np.array(wanted["Phi"], dtype=float)
-    ).max()
+    matrix = to_motion @ monodromy.matrix @ np.linalg.inv(to_motion)
+    return np.abs(matrix - np.array(expected["Phi"], dtype=float)).max()
 
 
 def test_intervals_have_twice_the_order_of_their_polynomials(monkeypatch):
     """Eight with four degrees, where slopes are smooth."""
     coarse = mathieu(monkeypatch, 4)
     fine = mathieu(monkeypatch, 8)
-    assert fine < 1e-5 and np.log2(coarse / fine) > 2 * intervals.DEGREES - 1
+    assert fine < 1e-5
+    assert np.log2(coarse / fine) > 2 * intervals.DEGREES - 1
     assert mathieu(monkeypatch, 32) < 1e-9
 
 
@@ -262,7 +245,7 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
     """A law that is passed often, and one that varies: midpoints of equal parts of an
     interval.
     """
-    for train in (pair(transition=0.05), pair(**VARYING)):
+    for train in (pair(transition=0.05), varying_pair()):
         response = moving(train, 900.0, 2 * PLAY)
         system = chain.assemble(train)
         meshes = jax.tree.map(np.asarray, slopes.backlash.law_meshes(train))
@@ -274,7 +257,7 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
         )
         motion = slopes.SampledMotion(reactions, response.deflections, frequency)
         edges = np.linspace(0.0, 1.0, 201) ** 1.1
-        found = slopes.moments(reactions, motion, edges, 4)
+        moments = slopes.moments(reactions, motion, edges, 4)
         for i in range(0, 200, 7):
             at = (np.arange(20_000) + 0.5) / 20_000
             share = edges[i] + (edges[i + 1] - edges[i]) * at
@@ -283,17 +266,19 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
             slope = reactions.slopes(which, value, share[None])[0]
             scale = np.abs(slope).max()
             expected = slope @ legendre.legvander(2 * at - 1, 3) / len(at)
-            np.testing.assert_allclose(found[0, i], expected, rtol=0, atol=1e-5 * scale)
+            np.testing.assert_allclose(
+                moments[0, i], expected, rtol=0, atol=1e-5 * scale
+            )
 
 
 def test_slow_cycles_are_taken_arc_by_arc(monkeypatch):
     """So many intervals that arcs between switching times are fewer: the dense
     equation, for few disks.
     """
-    found, expected = both(moving(pair(), 900.0, 2 * PLAY), monkeypatch)
+    computed, expected = both(moving(pair(), 900.0, 2 * PLAY), monkeypatch)
     monkeypatch.setattr("jaxhb.floquet.stability.MOST_INTERVALS", 10)
     again = stability(moving(pair(), 900.0, 2 * PLAY))
-    assert difference(again, expected) < 1e-14 < difference(found, expected)
+    assert difference(again, expected) < 1e-14 < difference(computed, expected)
     monkeypatch.setattr("jaxhb.floquet.stability.DENSE_DISKS", 2)
     slow = moving(pair(), 900.0, 2 * PLAY)
     refused(

@@ -20,19 +20,17 @@ def one_mass(**changes):
     """The case of docs/theory A7 as a pair of gears: its two multipliers beside the two
     of the free rotation.
     """
-    params = {
-        key: float(value)
-        for key, value in method_case("A7_true_periodic_one_mass")[0].items()
-    }
-    return build(one_mass_parts(**(params | changes)), reference="a")
+    params, _ = method_case("A7_true_periodic_one_mass")
+    numbers = {key: float(value) for key, value in params.items()} | changes
+    return build(one_mass_parts(**numbers), reference="a")
 
 
 def of_teeth(response):
-    found = jaxhb.stability(response)
-    assert (
-        abs(found.liouville) < 1e-9
-    )  # intervals are of high order, not exact: the dense equation leaves 1e-10
-    return found.multipliers[~found.rotation]
+    """Multipliers without those of the rotation."""
+    result = jaxhb.stability(response)
+    # Intervals are of high order, not exact: the dense equation leaves 1e-10.
+    assert abs(result.liouville) < 1e-9
+    return result.multipliers[~result.rotation]
 
 
 @cache
@@ -55,9 +53,9 @@ def test_multipliers_converge_to_those_of_the_true_periodic_motion():
 
 
 def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
-    """Each speed from its neighbour, or marched where the branch ends. Moduli are those
-    of a damped mass whatever the transition of the law is; the motion is off by its
-    square, and tells the two branches apart.
+    """Each speed starts from its neighbour, or is marched where the branch ends. Moduli
+    are those of a damped mass whatever the transition of the law is; the motion is off
+    by its square, and tells the two branches apart.
     """
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     train = one_mass(m=1.0, b=0.1, c=1.0, eps=0.0, h=2.0, q0=0.1, q1=0.05)
@@ -72,19 +70,17 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
                 "b:torque.harmonics": [[0.0, swing]],
             }
         )
-        for begin in (response, "march"):
+        for start in (response, "march"):
             response = jaxhb.solve(
                 here,
                 rpm=row["Omega"] * ONE_RADIAN_PER_SECOND,
                 harmonics=64,
-                start=begin,
+                start=start,
             )
             if response.status <= 1:
                 break
-        assert (
-            response.status <= 1
-            and abs(response.deflection("a", "b").max - row["max"]) < 1e-3
-        )
+        assert response.status <= 1
+        assert abs(response.deflection("a", "b").max - row["max"]) < 1e-3
         moduli = np.sort(np.abs(of_teeth(response)))
         np.testing.assert_allclose(
             moduli, np.sort(row["floquet_abs"]), rtol=0, atol=1e-9
@@ -103,14 +99,17 @@ def test_a_train_that_floats_has_a_double_root_of_one():
     """It keeps half the digits. Liouville's formula on the engine:
     ``tests/solutions/test_gear_train_30.py``.
     """
-    found = jaxhb.stability(floating())
-    assert abs(found.liouville) < 1e-10 and found.stable
-    np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
+    result = jaxhb.stability(floating())
+    assert abs(result.liouville) < 1e-10
+    assert result.stable
+    np.testing.assert_allclose(
+        result.multipliers[result.rotation], [1.0, 1.0], atol=1e-6
+    )
 
 
-def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation_beside_those_of_its_teeth():
+def test_a_floating_pair_on_a_varying_stiffness_has_two_roots_of_its_rotation():
     """Above a parametric resonance the largest multiplier of the teeth is -1.02, and
-    the product of both is what the damping takes in a cycle.
+    the product of both is the loss by damping in a cycle.
     """
     damping = 0.05
     natural = 500.0
@@ -131,9 +130,13 @@ def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation
     pair = jaxhb.build(
         [*gears, mesh, *load], reference="a", revolutions_per_cycle=1 / teeth
     )
-    found = jaxhb.stability(jaxhb.solve(pair, rpm=omega * natural * 30 / np.pi / teeth))
-    np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
-    of_teeth = found.multipliers[~found.rotation]
+    result = jaxhb.stability(
+        jaxhb.solve(pair, rpm=omega * natural * 30 / np.pi / teeth)
+    )
+    np.testing.assert_allclose(
+        result.multipliers[result.rotation], [1.0, 1.0], atol=1e-6
+    )
+    of_teeth = result.multipliers[~result.rotation]
     assert len(of_teeth) == 2
     assert np.prod(of_teeth) == pytest.approx(
         np.exp(-2 * damping * 2 * np.pi / omega), rel=1e-6
@@ -156,12 +159,12 @@ def test_the_rotation_against_a_soft_ground_is_labelled():
     """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a
     quarter of their share.
     """
-    found = jaxhb.stability(rattling())
+    result = jaxhb.stability(rattling())
     inertia = 0.03 + 0.05 / 4
     damping = 0.5 + 0.4 / 4
     expected = np.exp(60 / 1500 * np.roots([inertia, damping, 0.5]))
     np.testing.assert_allclose(
-        found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3
+        result.multipliers[result.rotation], np.sort(expected)[::-1], rtol=1e-3
     )
 
 
@@ -181,7 +184,7 @@ def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
 
 
 def with_viscous_damping(part, hz):
-    """The element with its loss factor as viscous damping at a frequency."""
+    """The part with its loss factor as viscous damping at a frequency."""
     if not getattr(part, "loss_factor", 0.0):
         return part
     damping = part.damping + part.loss_factor * part.stiffness / (2 * np.pi * hz)
@@ -195,55 +198,51 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     """
     parts = [with_viscous_damping(part, 50.0) for part in gearbox_parts()]
     response = jaxhb.solve(build(parts, reference="motor"), rpm=900.0)
-    found = jaxhb.stability(response)
+    result = jaxhb.stability(response)
     at_one = dense.dynamic_stiffness(parts, 1.0)
     elastic = dense.dynamic_stiffness(parts, 0.0).real
     viscous = at_one.imag
-    one = np.eye(len(elastic))
-    none = np.zeros_like(elastic)
-    first = np.block([[none, one], [-elastic, -viscous]])
+    inertia = elastic - at_one.real
+    identity = np.eye(len(elastic))
+    zero = np.zeros_like(elastic)
     roots = scipy.linalg.eigvals(
-        first, np.block([[one, none], [none, elastic - at_one.real]])
+        np.block([[zero, identity], [-elastic, -viscous]]),
+        np.block([[identity, zero], [zero, inertia]]),
     )
     expected = np.exp(60 / 900 * roots[np.isfinite(roots) & (np.abs(roots) < 1e8)])
-    seen = [
-        multipliers[np.abs(multipliers) > 1e-6]
-        for multipliers in (found.multipliers, expected)
-    ]
-    assert len(seen[0]) == len(seen[1]) >= 6
+    multipliers = result.multipliers[np.abs(result.multipliers) > 1e-6]
+    expected = expected[np.abs(expected) > 1e-6]
+    assert len(multipliers) == len(expected) >= 6
     np.testing.assert_allclose(
-        np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7
+        np.sort_complex(multipliers), np.sort_complex(expected), atol=1e-7
     )
-    assert (
-        abs(found.liouville) < 1e-9 and found.stable
-    )  # rounding of a logarithm of -29,000
+    # Rounding of a logarithm of -29,000.
+    assert abs(result.liouville) < 1e-9
+    assert result.stable
 
 
 def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
     """Moduli of the multipliers of a train in contact, against the eigenvalues with
-    complex stiffness. Each is off by what loss factors of up to 0.15 do in second
-    order.
+    complex stiffness. Each is off by the second order of loss factors of up to 0.15.
     """
     train = jaxhb.load_scene("engine_with_damper")
     response = jaxhb.solve(train, rpm=1500.0)
-    found = jaxhb.stability(response)
+    result = jaxhb.stability(response)
     modes = jaxhb.damped_modes(train)
     period = 2 * np.pi / train.topology.cycle_frequency(1500.0)
     expected = np.sort(np.exp(period * modes.eigenvalues.real))[::-1][:4]
-    turning = np.abs(found.multipliers[found.multipliers.imag > 0])[:4]
+    turning = np.abs(result.multipliers[result.multipliers.imag > 0])[:4]
     np.testing.assert_allclose(np.log(turning), np.log(expected), rtol=0.02)
 
 
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
     monkeypatch.setattr(stability, "DENSE_DISKS", 2)
-    attracting, found, why = stability.attracts(rattling())
-    assert (
-        attracting is None
-        and found is None
-        and "stability would take" in why
-        and "intervals a cycle" in why
-    )
+    attracting, result, why = stability.attracts(rattling())
+    assert attracting is None
+    assert result is None
+    assert "stability would take" in why
+    assert "intervals a cycle" in why
     monkeypatch.setattr(stability, "DISKS", 2)
     assert (
         "has 3 disks, and stability is decided for up to 2"
@@ -261,9 +260,10 @@ def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
         stability.attracts(rattling())
 
 
-LOST = [([0.5], None, "falls to 0.5 of its size"), ([2.0], "fold", "grows 2 times")]
-LOST += [([0.99996], None, "a disturbance falls by 0.004 % in a cycle")]
-LOST += [
+LOST = [
+    ([0.5], None, "falls to 0.5 of its size"),
+    ([2.0], "fold", "grows 2 times"),
+    ([0.99996], None, "a disturbance falls by 0.004 % in a cycle"),
     ([-3.0], "period doubling", "two cycles differ"),
     ([1 + 1j, 1 - 1j], "Neimark-Sacker", "second frequency"),
 ]
@@ -273,13 +273,11 @@ LOST += [
 def test_how_stability_is_lost_is_named(critical, name, words):
     multipliers = np.array([5.0, *critical, 0.1], dtype=complex)
     rotation = np.arange(len(multipliers)) == 0
-    found = Stability(multipliers, rotation, 0.0)
-    assert (
-        found.loses_by == name
-        and found.stable == (name is None)
-        and words in str(found)
-    )
-    assert found.largest == abs(critical[0])
+    result = Stability(multipliers, rotation, 0.0)
+    assert result.loses_by == name
+    assert result.stable == (name is None)
+    assert words in str(result)
+    assert result.largest == abs(critical[0])
 
 
 def test_what_has_no_multipliers_is_refused_with_a_sentence():

@@ -1,5 +1,5 @@
-"""The variational equation around motions that are given, and around a motion of a
-train that is integrated in time.
+"""The variational equation around prescribed motions, and around a motion of a train
+that is integrated in time.
 """
 
 from functools import cache
@@ -33,11 +33,11 @@ def mathieu(steps):
     """Error of the monodromy matrix of ``x'' + b x' + (c0 + a cos 2t) x = 0``, slope of
     a law in its smooth zone.
     """
-    params, wanted = method_case("A7_damped_mathieu_monodromy")
-    b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
+    params, expected = method_case("A7_damped_mathieu_monodromy")
+    b, c0, a = (float(params[key]) for key in ("b", "c0", "a"))
     contact = 3.0
     gap = 0.3
-    mass = one_mass(
+    system, meshes = one_mass(
         mass=1,
         damping=b,
         stiffness=contact,
@@ -48,19 +48,18 @@ def mathieu(steps):
     middle = 0.4 + 0.2 * (c0 - gap) / (contact - gap)
     swing = 0.2 * a / (contact - gap)
     deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
-    space = jax.tree.map(np.asarray, space_of(*mass, 1.0, parts=partition(*mass)))
-    found = variational.monodromy(
-        space, mass[1], deflection, 1.0, np.arange(steps) / steps
-    )
-    assert abs(found.log_determinant + 2 * np.pi * b) < 1e-6
-    expected = np.array(wanted["Phi"], dtype=float)
-    return np.abs(in_displacements(found.matrix, space) - expected).max()
+    parts = partition(system, meshes)
+    space = jax.tree.map(np.asarray, space_of(system, meshes, 1.0, parts=parts))
+    times = np.arange(steps) / steps
+    monodromy = variational.monodromy(space, meshes, deflection, 1.0, times)
+    assert abs(monodromy.log_determinant + 2 * np.pi * b) < 1e-6
+    matrix = in_displacements(monodromy.matrix, space)
+    return np.abs(matrix - np.array(expected["Phi"], dtype=float)).max()
 
 
 def test_the_damped_mathieu_equation_is_solved_to_rounding():
-    assert (
-        mathieu(1) < 1e-8
-    )  # as many steps as the norm of the matrix asks for, three a cycle
+    # The norm of the matrix asks for three steps a cycle.
+    assert mathieu(1) < 1e-8
     assert mathieu(16) < 1e-12
 
 
@@ -89,15 +88,13 @@ def test_more_steps_than_memory_holds_are_a_sentence(monkeypatch):
 
 def test_a_motion_is_known_between_its_samples():
     rng = np.random.default_rng(0)
-    deflection = (rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))) / (
-        1 + np.arange(41)
-    ) ** 2
+    orders = np.arange(41)
+    deflection = rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))
+    deflection = deflection / (1 + orders) ** 2
     deflection[:, 0] = deflection[:, 0].real
     share = rng.uniform(size=30)
-    wave = (
-        np.exp(2j * np.pi * np.outer(np.arange(41), share))
-        * np.append(1.0, np.full(40, 2.0))[:, None]
-    )
+    sides = np.append(1.0, np.full(40, 2.0))  # every harmonic but the mean counts twice
+    wave = np.exp(2j * np.pi * np.outer(orders, share)) * sides[:, None]
     rate = fourier.derivative(deflection, 3.0)
     expected = np.stack([(deflection @ wave).real, (rate @ wave).real])
     np.testing.assert_allclose(
@@ -139,8 +136,8 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_
     space = space_of(system, meshes, frequency, parts=partition(system, meshes))
     deflection = np.asarray(response.deflections)
     times = exact_integrals.switching_times(meshes.law, deflection)
-    found = variational.monodromy(space, meshes, deflection, frequency, times)
+    monodromy = variational.monodromy(space, meshes, deflection, frequency, times)
     np.testing.assert_allclose(
-        found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max()
+        monodromy.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max()
     )
-    assert abs(np.expm1(found.log_determinant - found.trace)) < 1e-10
+    assert abs(np.expm1(monodromy.log_determinant - monodromy.trace)) < 1e-10

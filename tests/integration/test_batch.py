@@ -28,25 +28,20 @@ def dense(equations, batch, place, cycles):
     rpm = float(batch.marches[place].rpm)
     system = equations.system
     meshes = equations.meshes
-    load = (
-        np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0])
-        / np.asarray(system.radius)[:, None]
-    )
+    torque, *_ = excitation(train, rpm, listed_harmonic(train.topology))
+    load = np.asarray(torque) / np.asarray(system.radius)[:, None]
     frequency = float(linear_motion.frequency[place])
     stepper = _discretize(
         system, meshes, frequency, load, steps=STEPS, parts=equations.parts
     )
-    state = (
-        stepper.space.coordinates @ batch.motion(batch.marches[place])
-        - stepper.linear_state
-    )
-    return np.asarray(
-        _march(stepper, state, tolerance=-1.0, max_cycles=cycles)[1].deflection
-    )
+    motion = batch.motion(batch.marches[place])
+    state = stepper.space.coordinates @ motion - stepper.linear_state
+    _, trace, *_ = _march(stepper, state, tolerance=-1.0, max_cycles=cycles)
+    return np.asarray(trace.deflection)
 
 
 def pushed(equations, rpm):
-    """Speeds in m/s that a start gets in addition, ``(2S,)``."""
+    """A push on a start, ``(2S,)``: speeds in m/s."""
     kick = np.random.default_rng(int(rpm)).normal(size=len(equations.system.mass))
     return np.concatenate([0 * kick, np.where(equations.system.mass > 0, kick, 0.0)])
 
@@ -59,13 +54,14 @@ def gearbox():
     parts = [
         part for part in parts if getattr(part, "between", None) != ("lay 3", "output")
     ]
-    parts = [
-        dataclasses.replace(p, loss_factor=0.0) if getattr(p, "loss_factor", 0) else p
-        for p in parts
-    ]
-    parts = [
-        dataclasses.replace(p, inertia=0.001) if p.name == "lay 3" else p for p in parts
-    ]
+
+    def changed(part):
+        if part.name == "lay 3":
+            part = dataclasses.replace(part, inertia=0.001)
+        if getattr(part, "loss_factor", 0):
+            part = dataclasses.replace(part, loss_factor=0.0)
+        return part
+
     mesh = Mesh(
         between=("lay 3", "output"),
         stiffness=1.5e8,
@@ -74,6 +70,7 @@ def gearbox():
         epsilon=1e-3,
         transition=0.04,
     )
+    parts = [changed(part) for part in parts]
     return trains.build([*parts, mesh], cycle=1, reference="motor")
 
 
@@ -94,22 +91,23 @@ CASES = {
 def test_a_batch_marches_as_the_dense_integration_does(name, count):
     equations = Equations(CASES[name]())
     batch = Batch(equations, np.linspace(600.0, 900.0, count), STEPS)
-    for place, own in enumerate(batch.marches):  # a push that parts the teeth
-        batch.begin(place, batch.motion(own) + pushed(equations, own.rpm))
+    for place, march in enumerate(batch.marches):  # pushed so that the teeth part
+        batch.begin(place, batch.motion(march) + pushed(equations, march.rpm))
     expected = [dense(equations, batch, place, 8) for place in (0, count - 1)]
     if count > 1:
         batch.run(batch.marches)
     else:
         batch._run(batch.marches, 1, False, 8)
-    for place, deflection in zip((0, count - 1), expected, strict=True):
-        found = np.split(batch.marches[place].trace[:-1].T, 2)[0]
+    for place, exact in zip((0, count - 1), expected, strict=True):
+        deflections = np.split(batch.marches[place].trace[:-1].T, 2)[0]
         gap = equations.meshes.law.backlash.max()
-        seen = np.split(np.array(batch.marches[place].closure.cycles), 2, axis=2)[0]
+        cycles = np.array(batch.marches[place].closure.cycles)
+        seen = np.split(cycles, 2, axis=2)[0]
         assert (np.abs(seen) < equations.meshes.law.gap).any()
-        # the same scheme in other coordinates: rounding, grown by hammering over eight
+        # The same scheme in other coordinates: rounding, grown by hammering over eight
         # cycles, and the soft spring on a rotation that the push has carried a thousand
-        # gaps away
-        np.testing.assert_allclose(found, deflection, atol=1e-7 * gap, rtol=0)
+        # gaps away.
+        np.testing.assert_allclose(deflections, exact, atol=1e-7 * gap, rtol=0)
 
 
 def test_any_number_of_cycles_is_one_program_and_the_same_motion():
@@ -120,29 +118,28 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
 
     def marched(parts, recorded):
         batch = Batch(equations, np.array([700.0]), 512)
-        (own,) = batch.marches
-        batch.begin(0, batch.motion(own) + pushed(equations, 700.0))
+        (march,) = batch.marches
+        batch.begin(0, batch.motion(march) + pushed(equations, 700.0))
         for cycles in parts:
-            batch.run([own], recorded, cycles)
-        return own
+            batch.run([march], recorded, cycles)
+        return march
 
     for recorded in (False, True):
         whole = marched((8,), recorded)
-        held = executables(recording.march)
+        programs = executables(recording.march)
         parted = marched((3, 1, 4), recorded)
-        assert (
-            executables(recording.march) == held and parted.cycles == whole.cycles == 8
-        )
-        assert np.array_equal(parted.state, whole.state) and np.array_equal(
-            parted.trace, whole.trace
-        )
+        assert executables(recording.march) == programs
+        assert parted.cycles == whole.cycles == 8
+        assert np.array_equal(parted.state, whole.state)
+        assert np.array_equal(parted.trace, whole.trace)
         assert np.array_equal(parted.closure.cycles, whole.closure.cycles)
+
+    def recorded_numbers(march, name):
+        return np.concatenate([part[name] for part in march.numbers])
+
     for name in ("max", "min", "mean", "square", "impacts"):
         assert np.array_equal(
-            *(
-                np.concatenate([part[name] for part in own.numbers])
-                for own in (parted, whole)
-            )
+            recorded_numbers(parted, name), recorded_numbers(whole, name)
         )
     assert parted.recorded == whole.recorded == 8
     power = sum(part["power"] for part in parted.numbers)
@@ -155,11 +152,8 @@ def test_modes_hold_the_motion_of_every_disk():
     modes = equations.modes
     linear = batch.linear_motion
     motion = batch.motion(batch.marches[0])
-    again = marching.motion_of(
-        modes, marching.state_of(modes, motion[None], linear), linear
-    )[0]
-    bend = (
-        equations.system.deflections(np.split(motion, 2)[0]),
-        equations.system.deflections(np.split(again, 2)[0]),
-    )
-    np.testing.assert_allclose(*bend, atol=1e-9 * np.abs(bend[0]).max())
+    state = marching.state_of(modes, motion[None], linear)
+    again = marching.motion_of(modes, state, linear)[0]
+    before = equations.system.deflections(np.split(motion, 2)[0])
+    after = equations.system.deflections(np.split(again, 2)[0])
+    np.testing.assert_allclose(before, after, atol=1e-9 * np.abs(before).max())

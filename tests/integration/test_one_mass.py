@@ -17,8 +17,14 @@ run = jax.jit(cycle)
 
 
 def stepper_of(case, frequency, load, steps):
+    system, meshes = case
     return cut(
-        *case, frequency, np.array([load], complex), steps=steps, parts=partition(*case)
+        system,
+        meshes,
+        frequency,
+        np.array([load], complex),
+        steps=steps,
+        parts=partition(system, meshes),
     )
 
 
@@ -34,27 +40,27 @@ def exact(steps):
         mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2
     )
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
-    state, periodicity_error, _ = correct(
-        stepper, jax.jit(march)(stepper, stepper.flank_state)[0]
-    )
+    start, *_ = jax.jit(march)(stepper, stepper.flank_state)
+    state, periodicity_error, _ = correct(stepper, start)
     assert periodicity_error < 1e-11
-    (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
-    found = [
+    _, trace = run(stepper, state)
+    matrix, _ = multiply(stepper, state)
+    numbers = [
         trace.deflection[0, 0],
         trace.rate[0, 0],
         jnp.trace(matrix),
         jnp.linalg.det(matrix),
     ]
-    expected = method_case("A7_true_periodic_one_mass")[1]
-    return np.abs(
-        np.array(found)
-        - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")]
-    )
+    _, expected = method_case("A7_true_periodic_one_mass")
+    keys = ("x0", "v0", "monodromy_trace", "monodromy_det")
+    return np.abs(np.array(numbers) - [float(expected[key]) for key in keys])
 
 
 def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_three():
     errors = exact(4096)
-    assert errors[:2].max() < 2e-9 and errors[2] < 1e-5 and errors[3] < 1e-11
+    assert errors[:2].max() < 2e-9
+    assert errors[2] < 1e-5
+    assert errors[3] < 1e-11
     assert np.log2(exact(256)[:2] / errors[:2]).min() / 4 > 2.7
 
 
@@ -63,7 +69,8 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
     rows = [row for row in rows if row["Omega"] in (0.8, 0.9, 1.1, 1.3)]
     assert len(rows) >= 8
     errors = {0.01: [], 0.001: []}
-    for transition, row in [(transition, row) for transition in errors for row in rows]:
+    cases = [(transition, row) for transition in errors for row in rows]
+    for transition, row in cases:
         case = one_mass(
             mass=1,
             damping=0.1,

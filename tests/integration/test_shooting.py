@@ -38,16 +38,16 @@ def both_ways(stepper, state):
 
 
 def test_segments_in_a_row_are_the_cycle():
-    train = stepper()
+    stepped = stepper()
     nodes, end, deflection, pieced, (gap, slope), whole = both_ways(
-        train, train.flank_state
+        stepped, stepped.flank_state
     )
     np.testing.assert_allclose(
         pieced, deflection, atol=PATHS * np.abs(deflection).max()
     )
     size = np.abs(nodes).max()
     np.testing.assert_allclose(gap[:-1], 0.0, atol=PATHS * size)
-    np.testing.assert_allclose(gap[-1], end - train.flank_state, atol=PATHS * size)
+    np.testing.assert_allclose(gap[-1], end - stepped.flank_state, atol=PATHS * size)
     product = np.linalg.multi_dot(np.asarray(slope)[::-1])
     np.testing.assert_allclose(product, whole, atol=PATHS * np.abs(whole).max())
 
@@ -59,29 +59,29 @@ def test_room_for_more_steps_changes_nothing():
     tight = dataclasses.replace(roomy, linear=roomy.linear[: 2 * steps], count=None)
     nodes = shooting.beginnings(tight, tight.flank_state)
     for motion in (shooting.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
-        found, wanted = (jax.jit(motion)(stepper, nodes) for stepper in (roomy, tight))
-        np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
+        padded = jax.jit(motion)(roomy, nodes)
+        expected = jax.jit(motion)(tight, nodes)
+        np.testing.assert_array_equal(padded.deflection[:, steps:], 0.0)
         np.testing.assert_allclose(
-            found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0
+            padded.deflection[:, :steps], expected.deflection, rtol=PATHS, atol=0.0
         )
+        # This error is a difference of the motion.
         np.testing.assert_allclose(
-            found.periodicity_error, wanted.periodicity_error, rtol=1e-6
-        )  # a difference of the motion
+            padded.periodicity_error, expected.periodicity_error, rtol=1e-6
+        )
 
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
-    train = stepper()
-    nodes = shooting.beginnings(train, train.flank_state) * (
-        1 + 1e-3 * np.arange(shooting.SEGMENTS)[:, None]
-    )
-    gap, periodicity_error = shooting.gaps_and_error(train, nodes)
-    np.testing.assert_array_equal(gap, shooting.gaps(train, nodes)[0])
+    stepped = stepper()
+    stretch = 1 + 1e-3 * np.arange(shooting.SEGMENTS)[:, None]
+    nodes = shooting.beginnings(stepped, stepped.flank_state) * stretch
+    gap, periodicity_error = shooting.gaps_and_error(stepped, nodes)
+    np.testing.assert_array_equal(gap, shooting.gaps(stepped, nodes)[0])
     np.testing.assert_allclose(
-        periodicity_error, shooting.motion(train, nodes).periodicity_error, rtol=PATHS
+        periodicity_error, shooting.motion(stepped, nodes).periodicity_error, rtol=PATHS
     )
-    (end, periodicity_error), (after, trace) = (
-        run(train, train.flank_state) for run in (cycle_error, cycle)
-    )
+    end, periodicity_error = cycle_error(stepped, stepped.flank_state)
+    after, trace = cycle(stepped, stepped.flank_state)
     np.testing.assert_array_equal(end, after)
     np.testing.assert_allclose(periodicity_error, trace.periodicity_error, rtol=PATHS)
 
@@ -101,9 +101,10 @@ def test_what_moves_nothing_is_left_out():
     """Free rotation and its undamped rate, and a mode forty times too fast for the
     steps, which answers statically.
     """
-    held = floating_pair(grounded=True)
+    grounded = floating_pair(grounded=True)
     floating = floating_pair(grounded=False)
-    assert np.sum(shooting.moving(held.space) == 0) == 2  # the fast mode and its rate
+    # The fast mode and its rate.
+    assert np.sum(shooting.moving(grounded.space) == 0) == 2
     still = np.flatnonzero(np.asarray(shooting.moving(floating.space)) == 0)
     assert len(still) == 4
     nodes = shooting.beginnings(floating, floating.flank_state)

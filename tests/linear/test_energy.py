@@ -25,9 +25,8 @@ TRAINS = {
 
 
 def inertia_of(parts):
-    return np.array(
-        [p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)]
-    )
+    masses = dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)
+    return np.array([mass.inertia for mass in masses])
 
 
 @pytest.mark.parametrize("case", TRAINS)
@@ -53,19 +52,23 @@ def companion(parts):
 
 
 def test_damped_modes_are_the_eigenvalues_of_the_dense_companion():
-    parts = [dataclasses.replace(p, inertia=0.003) if getattr(p, "inertia", 1) == 0 else p
-             for p in gearbox_parts(grounded=False)]  # fmt: skip
+    parts = [
+        dataclasses.replace(part, inertia=0.003)
+        if getattr(part, "inertia", 1) == 0
+        else part
+        for part in gearbox_parts(grounded=False)
+    ]
     modes = damped_modes(build(parts, reference="motor"))
-    wanted = companion(parts)
-    wanted = wanted[wanted.imag > 0.01 * np.abs(wanted).clip(min=1.0)]
+    expected = companion(parts)
+    expected = expected[expected.imag > 0.01 * np.abs(expected).clip(min=1.0)]
+    # The tolerance is the condition of both.
     np.testing.assert_allclose(
-        modes.eigenvalues, wanted[np.argsort(wanted.imag)], rtol=1e-9
-    )  # condition of both
+        modes.eigenvalues, expected[np.argsort(expected.imag)], rtol=1e-9
+    )
     M = np.diag(inertia_of(parts))
     for value, shape in zip(modes.eigenvalues, modes.shapes, strict=True):
-        Z = dense.dynamic_stiffness(
-            parts, 1e-30
-        )  # with the loss factors, at a frequency that is not the mean
+        # With the loss factors, at a frequency that is not the mean.
+        Z = dense.dynamic_stiffness(parts, 1e-30)
         B = (dense.dynamic_stiffness(parts, 1.0) - Z).imag
         rest = value**2 * (M @ shape) + value * (B @ shape) + Z @ shape
         assert np.abs(rest).max() < 1e-10 * (np.abs(Z) @ np.abs(shape)).max()
@@ -73,30 +76,38 @@ def test_damped_modes_are_the_eigenvalues_of_the_dense_companion():
 
 
 def test_damped_eigenvalues_have_the_derivatives_of_differences():
-    keys = ["motor.inertia", "viscous ring.damping", "rubber ring.loss_factor", "output|mill.stiffness",
-            "input 1|lay 1.stiffness", "lay 3.radius", "mill.damping", "lay 2:ground.stiffness"]  # fmt: skip
+    keys = [
+        "motor.inertia",
+        "viscous ring.damping",
+        "rubber ring.loss_factor",
+        "output|mill.stiffness",
+        "input 1|lay 1.stiffness",
+        "lay 3.radius",
+        "mill.damping",
+        "lay 2:ground.stiffness",
+    ]
     train = build(gearbox_parts(), reference="motor")
-    at, modes = np.array([float(train.value(key)) for key in keys]), damped_modes(train)
+    at = np.array([float(train.value(key)) for key in keys])
+    modes = damped_modes(train)
 
     def changed(share):
-        return train.replace(
-            dict(zip(keys, at * (1 + share * np.arange(1, 9) / 8), strict=True))
-        )
+        numbers = at * (1 + share * np.arange(1, 9) / 8)
+        return train.replace(dict(zip(keys, numbers, strict=True)))
 
     def value(share):
         return jaxhb.damped_eigenvalues(changed(share), modes)
 
-    found, slopes = jax.jit(lambda share: jax.jvp(value, (share,), (1.0,)))(0.0)
-    np.testing.assert_allclose(found, modes.eigenvalues, rtol=1e-10)
-    wanted = differences(
-        lambda shares: [damped_modes(changed(s)).eigenvalues for (s,) in shares],
-        np.zeros(1),
-        np.array([1e-3]),
-    )[0]
-    noise = (
-        1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / np.abs(modes.eigenvalues) / 1e-3
-    )  # of the QZ method
-    assert (np.abs(slopes - wanted) <= GRADIENT * np.abs(wanted) + noise).all()
+    values, slopes = jax.jit(lambda share: jax.jvp(value, (share,), (1.0,)))(0.0)
+    np.testing.assert_allclose(values, modes.eigenvalues, rtol=1e-10)
+
+    def eigenvalues(shares):
+        return [damped_modes(changed(share)).eigenvalues for (share,) in shares]
+
+    (expected,) = differences(eigenvalues, np.zeros(1), np.array([1e-3]))
+    # Noise of the QZ method.
+    size = np.abs(modes.eigenvalues)
+    noise = 1e-15 * size[-1] ** 2 / size / 1e-3
+    assert (np.abs(slopes - expected) <= GRADIENT * np.abs(expected) + noise).all()
 
 
 def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
@@ -106,42 +117,41 @@ def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
         disks.append(Shaft(between=("a", "light"), stiffness=100.0, damping=4.0))
         return [*disks, Shaft(between=("light", "b"), stiffness=50.0)]
 
-    found = damped_modes(build(parts(0.0)))
+    modes = damped_modes(build(parts(0.0)))
     limit = companion(parts(1e-9))
-    nearest = [limit[np.abs(limit - value).argmin()] for value in found.eigenvalues]
-    assert len(found.eigenvalues) == 1
-    np.testing.assert_allclose(
-        found.eigenvalues, nearest, rtol=1e-7
-    )  # first order in the inertia left out
-    for rate in found.decay_rates:
+    nearest = [limit[np.abs(limit - value).argmin()] for value in modes.eigenvalues]
+    assert len(modes.eigenvalues) == 1
+    # The limit is off by the first order of the inertia.
+    np.testing.assert_allclose(modes.eigenvalues, nearest, rtol=1e-7)
+    for rate in modes.decay_rates:
         assert np.abs(limit + rate).min() < 1e-6 * rate
 
 
-def pair(**link):
+def modes_of_pair(damping=0.0, loss_factor=0.0):
     """Damped modes of two disks of 2 kg m2 on a link of 100 N m/rad, 10 rad/s."""
     disks = [Disk(name=name, inertia=2.0) for name in "ab"]
-    return damped_modes(
-        build([*disks, Shaft(between=("a", "b"), stiffness=100.0, **link)])
+    link = Shaft(
+        between=("a", "b"), stiffness=100.0, damping=damping, loss_factor=loss_factor
     )
+    return damped_modes(build([*disks, link]))
 
 
 def test_damping_ratios_and_decay_rates_are_those_of_the_closed_form():
     for r, ratio in ((2.0, 0.1), (10.0, 0.5)):
-        modes = pair(damping=r)
-        np.testing.assert_allclose(
-            modes.damping_ratio, [ratio], rtol=ALGEBRAIC
-        )  # r / sqrt(2 k J)
+        modes = modes_of_pair(damping=r)
+        # R / sqrt(2 k J).
+        np.testing.assert_allclose(modes.damping_ratio, [ratio], rtol=ALGEBRAIC)
         np.testing.assert_allclose(
             2 * np.pi * modes.frequencies_hz, 10 * np.sqrt(1 - ratio**2), rtol=ALGEBRAIC
         )
-    assert not len(pair(damping=40.0).eigenvalues)
+    overdamped = modes_of_pair(damping=40.0)
+    assert not len(overdamped.eigenvalues)
+    rates = 20 + np.array([-1, 1]) * np.sqrt(300)
+    np.testing.assert_allclose(overdamped.decay_rates, rates, rtol=1e-11)
     np.testing.assert_allclose(
-        pair(damping=40.0).decay_rates,
-        20 + np.array([-1, 1]) * np.sqrt(300),
-        rtol=1e-11,
-    )
-    np.testing.assert_allclose(
-        pair(loss_factor=0.02).eigenvalues, 10j * np.sqrt(1 + 0.02j), rtol=ALGEBRAIC
+        modes_of_pair(loss_factor=0.02).eigenvalues,
+        10j * np.sqrt(1 + 0.02j),
+        rtol=ALGEBRAIC,
     )
 
 
@@ -163,9 +173,8 @@ def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
     modes = damped_modes(train)
     omega = np.sqrt(k / J)
     np.testing.assert_allclose(modes.eigenvalues.imag, [omega], rtol=ALGEBRAIC)
-    np.testing.assert_allclose(
-        modes.decay_rates, [relaxation], rtol=1e-3
-    )  # QZ rounds to omega, 1e-11 of it
+    # QZ rounds to omega, 1e-11 of it.
+    np.testing.assert_allclose(modes.decay_rates, [relaxation], rtol=1e-3)
     ratio = jaxhb.damping_ratios(train, jaxhb.natural_frequencies(train))
     np.testing.assert_allclose(
         ratio[1:], [omega / (2 * relaxation)], rtol=0, atol=10 * np.finfo(float).eps

@@ -21,11 +21,13 @@ def test_published_tables_of_three_disks():
     train = build(chain_parts(entry["model"]["J"], entry["model"]["k"]))
     for printed in entry["published_holzer"]:
         table = holzer_table(train, hz=printed["omega"] / (2 * np.pi))
+        # Ordinates are printed with three digits.
         np.testing.assert_allclose(
             table.ordinate, printed["theta"], rtol=0, atol=5.1e-4
-        )  # three digits
+        )
         np.testing.assert_allclose(table.torque_sum, printed["torque"], rtol=5e-4)
-        assert table.names == ("1", "2", "3") and table.links == ("1|2", "2|3", "")
+        assert table.names == ("1", "2", "3")
+        assert table.links == ("1|2", "2|3", "")
         np.testing.assert_allclose(
             table.torque_sum, np.cumsum(table.torque), rtol=1e-11
         )
@@ -66,33 +68,33 @@ def test_the_residual_is_the_torque_that_makes_the_motion(parts):
         motion = np.zeros(len(names))
         motion[[names.index(name) for name in table.names]] = table.ordinate
         torque = dense.dynamic_stiffness(parts, 2 * np.pi * hz).real @ motion
-        wanted = np.zeros(len(names))
-        wanted[names.index(table.names[-1])] = -table.residual
+        expected = np.zeros(len(names))
+        expected[names.index(table.names[-1])] = -table.residual
         np.testing.assert_allclose(
-            torque, wanted, rtol=1e-11, atol=1e-11 * np.abs(table.torque).max()
+            torque, expected, rtol=1e-11, atol=1e-11 * np.abs(table.torque).max()
         )
         deflection = {
-            getattr(p, "name", None) or "|".join(p.between): row @ motion
-            for p, row in dense.links(parts)
+            getattr(part, "name", None) or "|".join(part.between): row @ motion
+            for part, row in dense.links(parts)
         }
         for link, twist in zip(table.links[:-1], table.twist, strict=False):
             if link != "ring":
-                np.testing.assert_allclose(
-                    abs(twist), abs(deflection[link]), rtol=1e-9
-                )  # a difference there
+                # The dense deflection is a difference.
+                np.testing.assert_allclose(abs(twist), abs(deflection[link]), rtol=1e-9)
         assert table.ordinate[table.names.index(names[0])] == pytest.approx(1.0)
 
 
-def test_residual_vanishes_at_every_natural_frequency_and_is_a_polynomial_without_poles():
+def test_the_residual_vanishes_at_every_natural_frequency_and_has_no_poles():
     train = build(tooth_tree(), reference="a")
-    found = jaxhb.natural_frequencies(train).frequencies_hz[2:]
-    around = np.sort(np.concatenate([0.999 * found, 1.001 * found]))
+    frequencies = jaxhb.natural_frequencies(train).frequencies_hz[2:]
+    around = np.sort(np.concatenate([0.999 * frequencies, 1.001 * frequencies]))
     sign = np.sign(holzer_residual(train, hz=around)).reshape(-1, 2)
-    assert (sign[:, 0] == -sign[:, 1]).all() and (sign[:-1, 1] == sign[1:, 0]).all()
+    assert (sign[:, 0] == -sign[:, 1]).all()
+    assert (sign[:-1, 1] == sign[1:, 0]).all()
 
 
 def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
-    # two equal branches move against each other, the hub rests
+    # Two equal branches move against each other, the hub rests.
     hub = [Disk(name=name, inertia=1.0) for name in ("left", "hub", "right")]
     shafts = [
         Shaft(between=("left", "hub"), stiffness=9.0),
@@ -104,11 +106,9 @@ def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
     ]
     table = holzer_table(build([*hub, *shafts, *more]), hz=3.0 / (2 * np.pi))
     values = dict(zip(table.names, table.ordinate, strict=True))
-    assert (
-        np.isfinite(table.ordinate).all()
-        and abs(values["hub"]) < ALGEBRAIC
-        and abs(table.residual) < 1e-11
-    )
+    assert np.isfinite(table.ordinate).all()
+    assert abs(values["hub"]) < ALGEBRAIC
+    assert abs(table.residual) < 1e-11
 
 
 def test_a_closed_loop_is_refused_by_name():
@@ -157,13 +157,14 @@ def check_tables(parts, reference):
     """
     train = build(parts, reference=reference)
     names = dense.disk_names(parts)
-    for hz, shape in zip(*(a.T for a in elastic_modes(parts)), strict=True):
+    frequencies, shapes = elastic_modes(parts)
+    for hz, shape in zip(frequencies, shapes.T, strict=True):
         table = holzer_table(train, hz=float(hz))
-        found = np.zeros(len(names))
-        found[[names.index(name) for name in table.names]] = table.ordinate
-        scale = shape @ found / (shape @ shape)
+        motion = np.zeros(len(names))
+        motion[[names.index(name) for name in table.names]] = table.ordinate
+        scale = shape @ motion / (shape @ shape)
         np.testing.assert_allclose(
-            found, scale * shape, rtol=0, atol=1e-7 * np.abs(found).max()
+            motion, scale * shape, rtol=0, atol=1e-7 * np.abs(motion).max()
         )
         assert np.abs(table.residual) <= 1e-7 * np.abs(table.torque).max()
         first = abs(table.ordinate[table.names.index(names[0])])
@@ -195,7 +196,7 @@ def test_parts_that_a_ring_without_stiffness_joins_each_have_their_tables():
 
 
 def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
-    """Two and three of them: the joint asks for nothing, and the elimination is left
+    """Two and three branches: the joint carries nothing, and the elimination is left
     with rounding.
     """
     for count in (2, 3):
@@ -214,8 +215,6 @@ def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
         motion = np.zeros(len(names))
         motion[[names.index(name) for name in table.names]] = table.ordinate
         left = dense.dynamic_stiffness(parts, np.sqrt(9.0 / 2.0)).real @ motion
-        assert (
-            np.abs(left).max() <= 1e-9 * np.abs(table.torque).max()
-            and np.abs(motion).max() >= 1.0
-        )
+        assert np.abs(left).max() <= 1e-9 * np.abs(table.torque).max()
+        assert np.abs(motion).max() >= 1.0
         assert abs(motion[0]) < 1e-9

@@ -53,13 +53,11 @@ CASES = {
         Disk(name="side", inertia=0.5),
         Shaft(between=("side", "3"), stiffness=1e-9),
     ],
-    "massless": (
-        [
-            *chain_parts([1.0, 0.0, 2.0, 0.0, 3.0], [1e8, 1e-9, 5.0, 1e7]),
-            Disk(name="side", inertia=0.1),
-        ]
-        + [Shaft(between=("2", "side"), stiffness=1e-8)]
-    ),
+    "massless": [
+        *chain_parts([1.0, 0.0, 2.0, 0.0, 3.0], [1e8, 1e-9, 5.0, 1e7]),
+        Disk(name="side", inertia=0.1),
+        Shaft(between=("2", "side"), stiffness=1e-8),
+    ],
 }
 
 
@@ -77,8 +75,8 @@ def test_every_frequency_has_its_digits_however_far_stiffnesses_lie_apart(case):
 
 
 def test_soft_mode_of_a_closed_loop_keeps_its_digits():
-    # two stiff pairs joined by two soft shafts; a loop leaves a dependent row, so that
-    # only moderate spreads are exact
+    # Two stiff pairs joined by two soft shafts; a loop leaves a dependent row, so that
+    # only moderate spreads are exact.
     parts = chain_parts([1.0, 2.0, 3.0, 1.5], [1e8, 1e-4, 1e8]) + [
         Shaft(between=("1", "4"), stiffness=3e-4)
     ]
@@ -86,10 +84,8 @@ def test_soft_mode_of_a_closed_loop_keeps_its_digits():
     square = Fraction(omega[1]) ** 2
     near = Fraction(2e-9)
     assert omega[0] == 0.0
-    assert (
-        negative_pivots(parts, square * (1 - near)) == 1
-        and negative_pivots(parts, square * (1 + near)) == 2
-    )
+    assert negative_pivots(parts, square * (1 - near)) == 1
+    assert negative_pivots(parts, square * (1 + near)) == 2
 
 
 @pytest.mark.parametrize(
@@ -98,23 +94,18 @@ def test_soft_mode_of_a_closed_loop_keeps_its_digits():
 def test_energies_are_those_of_the_dense_matrices(parts):
     reference = next(p.name for p in parts if isinstance(p, Disk))
     modes = jaxhb.natural_frequencies(build(parts, reference=reference))
-    J = np.array(
-        [
-            getattr(p, "inertia", 0.0)
-            for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, jaxhb.Damper)
-        ]
-    )
+    masses = dense.of_kind(parts, Disk) + dense.of_kind(parts, jaxhb.Damper)
+    J = np.array([getattr(mass, "inertia", 0.0) for mass in masses])
     K = dense.dynamic_stiffness(parts, 0.0).real
     if J.all():
         squares = np.linalg.eigvalsh(K / np.sqrt(np.outer(J, J)))
-        # rounding of the dense squares is that of the largest one
-        found = (2 * np.pi * modes.frequencies_hz) ** 2
-        np.testing.assert_allclose(found, squares, rtol=1e-11, atol=1e-14 * squares[-1])
-    product = (
-        (modes.shapes * J)
-        @ modes.shapes.T
-        / np.sqrt(np.outer(*[modes.generalised_mass] * 2))
-    )
+        # Rounding of the dense squares is that of the largest.
+        omega = 2 * np.pi * modes.frequencies_hz
+        np.testing.assert_allclose(
+            omega**2, squares, rtol=1e-11, atol=1e-14 * squares[-1]
+        )
+    mass = modes.generalised_mass
+    product = (modes.shapes * J) @ modes.shapes.T / np.sqrt(np.outer(mass, mass))
     np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.abs(modes.shapes).max(1), 1.0, rtol=ALGEBRAIC)
     np.testing.assert_allclose(
@@ -133,9 +124,9 @@ def test_energies_are_those_of_the_dense_matrices(parts):
             part.name,
             "|".join(getattr(part, "between", ("", ""))),
         )
-        found = modes.strain_share[moving, link] * modes.generalised_stiffness[moving]
+        energy = modes.strain_share[moving, link] * modes.generalised_stiffness[moving]
         np.testing.assert_allclose(
-            found, share[moving], rtol=1e-9, atol=ALGEBRAIC * size
+            energy, share[moving], rtol=1e-9, atol=ALGEBRAIC * size
         )
 
 
@@ -146,7 +137,8 @@ def test_part_behind_a_viscous_link_has_a_rigid_mode_of_its_own_that_rests_elsew
     ring = modes.names.index("viscous ring")
     assert modes.frequencies_hz[1] == 0.0 < modes.frequencies_hz[2]
     np.testing.assert_array_equal(modes.shapes[1], np.arange(len(modes.names)) == ring)
-    assert modes.shapes[0, ring] == 0.0 and modes.node_count[:2].tolist() == [0, 0]
+    assert modes.shapes[0, ring] == 0.0
+    assert modes.node_count[:2].tolist() == [0, 0]
     speeds = {"motor": 1.0, "lay 2": 0.05 / 0.10, "mill": 0.05 / 0.10 * 0.06 / 0.09}
     for disk, ratio in speeds.items():
         np.testing.assert_allclose(modes.shape(0)[disk], ratio, rtol=ALGEBRAIC)
@@ -159,28 +151,19 @@ def test_nodes_of_a_chain_count_its_modes_and_a_ring_has_two_more_with_each_pair
         jaxhb.natural_frequencies(build(parts)).node_count, np.arange(12)
     )
     symmetric = jaxhb.natural_frequencies(build(chain_parts([1.0] * 5, [1.0] * 4)))
-    np.testing.assert_array_equal(
-        symmetric.node_count, np.arange(5)
-    )  # the middle disk lies in a node
+    # The middle disk lies in a node.
+    np.testing.assert_array_equal(symmetric.node_count, np.arange(5))
     ring = [
         *chain_parts([1.0] * 6, [1.0] * 5),
         Shaft(between=("1", "6"), stiffness=1.0),
     ]
-    assert jaxhb.natural_frequencies(build(ring)).node_count.tolist() == [
-        0,
-        2,
-        2,
-        4,
-        4,
-        6,
-    ]
+    nodes = jaxhb.natural_frequencies(build(ring)).node_count
+    assert nodes.tolist() == [0, 2, 2, 4, 4, 6]
 
 
 @pytest.mark.parametrize("ground", [None, 1.0])
-def test_long_chain_with_massless_disks_has_the_frequencies_and_shapes_of_the_closed_form(
-    ground,
-):
-    # each link of 1 N m/rad is two of 2 N m/rad with a massless disk between them
+def test_a_long_chain_with_massless_disks_has_the_modes_of_the_closed_form(ground):
+    # Each link of 1 N m/rad is two of 2 N m/rad with a massless disk between them.
     n = 510
     inertia = np.zeros(2 * n - 1)
     inertia[::2] = 1.0
@@ -197,8 +180,8 @@ def test_long_chain_with_massless_disks_has_the_frequencies_and_shapes_of_the_cl
     np.testing.assert_allclose(2 * np.pi * modes.frequencies_hz, exact[:5], rtol=1e-12)
     wave = j * np.pi / n if ground is None else (2 * j + 1) * np.pi / (2 * n + 1)
     shape = np.cos(wave[:5, None] * np.arange(0.5, n))
-    found = modes.shapes[:, ::2] / modes.shapes[:, :1]
-    np.testing.assert_allclose(found, shape / shape[:, :1], rtol=0, atol=1e-9)
+    shapes = modes.shapes[:, ::2] / modes.shapes[:, :1]
+    np.testing.assert_allclose(shapes, shape / shape[:, :1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(
         modes.shapes[:, 1], modes.shapes[:, [0, 2]].mean(1), rtol=1e-9
     )
@@ -221,26 +204,24 @@ def test_soft_links_of_a_long_chain_keep_their_digits():
     n = 600
     inertia = 10 ** random.uniform(-2, 0, n)
     stiffness = 10 ** random.uniform(3, 6, n - 1)
-    inertia[5::50], stiffness[[200, 450]] = 0.0, (1e-4, 3e-6)
+    inertia[5::50] = 0.0
+    stiffness[[200, 450]] = (1e-4, 3e-6)
     train = build(chain_parts(inertia.tolist(), stiffness.tolist()))
     modes = jaxhb.natural_frequencies(train, count=4)
     with localcontext(prec=60):
-        for found in (all_frequencies(train)[:4], modes.frequencies_hz):
-            assert found[0] == 0.0
-            for hz in found[1:]:
-                square, near = (
-                    Decimal(2 * np.pi * hz) ** 2,
-                    Decimal("2e-13"),
-                )  # twice that of omega
+        for frequencies in (all_frequencies(train)[:4], modes.frequencies_hz):
+            assert frequencies[0] == 0.0
+            for hz in frequencies[1:]:
+                square = Decimal(2 * np.pi * hz) ** 2
+                near = Decimal("2e-13")  # twice that of omega
                 low, high = (
                     holzer_sum(inertia, stiffness, square * (1 + sign * near))
                     for sign in (-1, 1)
                 )
                 assert low * high < 0
     soft = modes.strain_share[1:3, [200, 450]].sum(1)
-    np.testing.assert_allclose(
-        soft, 1.0, atol=1e-5
-    )  # the stiff links between have the rest
+    # The stiff links between have the rest.
+    np.testing.assert_allclose(soft, 1.0, atol=1e-5)
 
 
 def test_arrays_of_jax_make_no_difference():
@@ -248,6 +229,7 @@ def test_arrays_of_jax_make_no_difference():
     name = train.topology.shaft_names[0] + ".stiffness"
     changed = train.replace({name: jnp.asarray(train.value(name))})
     for modes in (jaxhb.natural_frequencies, jaxhb.damped_modes):
-        a = modes(train).shapes
-        b = modes(changed).shapes
-        assert isinstance(b, np.ndarray) and np.array_equal(a, b)
+        expected = modes(train).shapes
+        shapes = modes(changed).shapes
+        assert isinstance(shapes, np.ndarray)
+        assert np.array_equal(expected, shapes)

@@ -19,8 +19,8 @@ def test_the_lowest_modes_of_a_large_tree_are_those_of_the_dense_solve():
                 between=(f"d{before}", f"d{k}"), stiffness=1e6 * (1 + 0.03 * (k % 11))
             )
         )
-    for more in ([], [Ground(disk="d3", stiffness=1e3)]):
-        train = build([*parts, *more], reference="d0")
+    for grounds in ([], [Ground(disk="d3", stiffness=1e3)]):
+        train = build([*parts, *grounds], reference="d0")
         few = natural_frequencies(train, count=12)
         every = natural_frequencies(train)
         np.testing.assert_allclose(

@@ -25,18 +25,13 @@ from jaxhb.linear.polynomial import (
 
 def ring_with_tails():
     """A closed loop of shafts with dampers and branches on it, one of them massless."""
-    parts = [
-        *chain_parts([1.0, 0.4, 2.0, 0.7, 1.5], [50.0, 80.0, 30.0, 20.0], damping=0.3)
-    ]
-    parts += [Shaft(between=("1", "5"), stiffness=60.0, damping=0.5, loss_factor=0.05)]
-    parts += [
+    return [
+        *chain_parts([1.0, 0.4, 2.0, 0.7, 1.5], [50.0, 80.0, 30.0, 20.0], damping=0.3),
+        Shaft(between=("1", "5"), stiffness=60.0, damping=0.5, loss_factor=0.05),
         Disk(name="s", inertia=0.0),
         Disk(name="t", inertia=0.3),
         Shaft(between=("2", "s"), stiffness=9.0),
-    ]
-    parts += [Shaft(between=("s", "t"), stiffness=7.0, damping=0.2)]
-    return [
-        *parts,
+        Shaft(between=("s", "t"), stiffness=7.0, damping=0.2),
         Damper(name="ring", disk="2", inertia=0.2, stiffness=3.0, damping=0.1),
     ]
 
@@ -60,39 +55,35 @@ CASES = {
 def test_values_are_the_dense_determinants(case):
     parts, reference = CASES[case]
     omega = np.array([0.7, 5.0, 31.0, 400.0, 3e4])
-    found = characteristic(build(parts, reference=reference), 1j * omega)
-    inertia = [
-        p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)
-    ]
-    sign, logarithm = np.linalg.slogdet(
-        np.stack([dense.dynamic_stiffness(parts, w) for w in omega])
-    )
-    logarithm -= np.log([J for J in inertia if J > 0]).sum()
-    # condition of determinants: K of 1e8 N/m beside inertia terms that it hides
-    np.testing.assert_allclose(found.log_modulus, logarithm, rtol=0, atol=1e-9)
+    polynomial = characteristic(build(parts, reference=reference), 1j * omega)
+    masses = dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)
+    inertia = [mass.inertia for mass in masses if mass.inertia > 0]
+    matrices = np.stack([dense.dynamic_stiffness(parts, w) for w in omega])
+    sign, logarithm = np.linalg.slogdet(matrices)
+    logarithm -= np.log(inertia).sum()
+    # Condition of determinants: K of 1e8 N/m beside inertia terms that it hides.
+    np.testing.assert_allclose(polynomial.log_modulus, logarithm, rtol=0, atol=1e-9)
     np.testing.assert_allclose(
-        np.exp(1j * np.asarray(found.phase)), sign, rtol=0, atol=1e-9
+        np.exp(1j * np.asarray(polynomial.phase)), sign, rtol=0, atol=1e-9
     )
 
 
 def continuant(J, k, square):
     """det(K - omega^2 M) / prod J of a free chain in exact arithmetic."""
-    left = Fraction(1)
+    now = Fraction(1)
     last = Fraction(0)
-    for s, inertia in enumerate(J):
-        held = Fraction(0) if s == 0 else Fraction(k[s - 1])
-        diagonal = (
-            held + (Fraction(k[s]) if s < len(k) else 0) - square * Fraction(inertia)
-        )
-        left, last = (
-            (diagonal * left - held**2 * last) / Fraction(inertia),
-            left / Fraction(inertia),
-        )
-    return left
+    for place, inertia in enumerate(J):
+        before = Fraction(0) if place == 0 else Fraction(k[place - 1])
+        after = Fraction(k[place]) if place < len(k) else 0
+        diagonal = before + after - square * Fraction(inertia)
+        following = (diagonal * now - before**2 * last) / Fraction(inertia)
+        last = now / Fraction(inertia)
+        now = following
+    return now
 
 
-def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals_beside_roots_too():
-    # free chain of 101 disks with unequal dyadic numbers
+def test_values_of_a_hundred_links_keep_twelve_digits_beside_roots_too():
+    # A free chain of 101 disks with unequal dyadic numbers, in exact rationals.
     random = np.random.default_rng(5)
     J = random.integers(3, 9, 101) / 4
     k = random.integers(5, 50, 100) / 8
@@ -100,18 +91,18 @@ def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals_beside_
     roots = 2 * np.pi * jaxhb.natural_frequencies(train).frequencies_hz[[1, 40, 99]]
     beside = [roots * (1 + near) for near in (0.0, 1e-6, 1e-12)]
     omega = np.concatenate([[0.5, 1.25, 2.0, 4.5, 100.0], *beside])
-    found = characteristic(train, 1j * omega)
-    for i, one in enumerate(omega):
-        exact = continuant(J, k, Fraction(one) ** 2)
-        mantissa = exact / Fraction(2) ** int(found.exponent[i])
+    polynomial = characteristic(train, 1j * omega)
+    for i, frequency in enumerate(omega):
+        exact = continuant(J, k, Fraction(frequency) ** 2)
+        mantissa = exact / Fraction(2) ** int(polynomial.exponent[i])
         np.testing.assert_allclose(
-            found.mantissa[i], complex(float(mantissa)), rtol=ALGEBRAIC, atol=0
+            polynomial.mantissa[i], complex(float(mantissa)), rtol=ALGEBRAIC, atol=0
         )
 
 
 def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
-    # uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the
-    # square of the distance
+    # A uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the
+    # square of the distance.
     size = 40
     train = build(
         [
@@ -120,18 +111,21 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
         ]
     )
     omega = 2 * np.sin(np.pi * 7 / size) * (1 + np.array([1e-3, 1e-5, 1e-7]))
-    found = characteristic(train, 1j * omega).value().real
-    for one, number in zip(omega, found, strict=True):
-        now = 1 - Fraction(one) ** 2 / 2
+    values = characteristic(train, 1j * omega).value().real
+    for frequency, number in zip(omega, values, strict=True):
+        cosine = 1 - Fraction(frequency) ** 2 / 2
+        now = cosine
         last = Fraction(1)
         for _ in range(size - 1):
-            now, last = 2 * (1 - Fraction(one) ** 2 / 2) * now - last, now
+            following = 2 * cosine * now - last
+            last = now
+            now = following
         np.testing.assert_allclose(number, float(2 * now - 2), rtol=ALGEBRAIC, atol=0)
 
 
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
-    # uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x, 2 cosh u =
-    # x - 2
+    # A uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x,
+    # 2 cosh u = x - 2.
     size = 100
     x = 1e6
     value = characteristic(
@@ -158,13 +152,12 @@ def test_frequency_responses_are_the_dense_inverse(case, a, b):
     parts, reference = CASES[case]
     names = dense.disk_names(parts)
     hz = np.array([0.11, 3.0, 55.0, 700.0])
-    wanted = np.linalg.inv(
-        np.stack([dense.dynamic_stiffness(parts, 2 * np.pi * f) for f in hz])
-    )[:, a, b]
-    found = frequency_response(
-        build(parts, reference=reference), names[a], names[b], hz
-    )
-    np.testing.assert_allclose(found, wanted, rtol=1e-9)  # condition of the inverse
+    matrices = [dense.dynamic_stiffness(parts, 2 * np.pi * f) for f in hz]
+    expected = np.linalg.inv(np.stack(matrices))[:, a, b]
+    train = build(parts, reference=reference)
+    response = frequency_response(train, names[a], names[b], hz)
+    # The tolerance is the condition of the inverse.
+    np.testing.assert_allclose(response, expected, rtol=1e-9)
 
 
 def test_case_c_damped_approximation_and_its_error():
@@ -173,27 +166,29 @@ def test_case_c_damped_approximation_and_its_error():
     parts = chain_parts(inertia, numbers(params["c"]))
     undamped = zip(dense.of_kind(parts, Shaft), numbers(params["r"]), strict=True)
     shafts = [
-        Shaft(between=p.between, stiffness=p.stiffness, damping=r) for p, r in undamped
+        Shaft(between=shaft.between, stiffness=shaft.stiffness, damping=damping)
+        for shaft, damping in undamped
     ]
     train = build(dense.of_kind(parts, Disk) + shafts)
     omega = float(params["omega"])
-    found = damped_approximation(train, np.array([omega]))
+    approximation = damped_approximation(train, np.array([omega]))
     exact, approximate = (
         complex_numbers([expected[key]])[0] for key in ("exact", "approx")
     )
+    # R = D / p^2.
     np.testing.assert_allclose(
-        found.exact.value()[0] / -(omega**2), exact, rtol=ALGEBRAIC
-    )  # R = D / p^2
-    np.testing.assert_allclose(
-        found.approximate.value()[0] / -(omega**2), approximate, rtol=ALGEBRAIC
+        approximation.exact.value()[0] / -(omega**2), exact, rtol=ALGEBRAIC
     )
     np.testing.assert_allclose(
-        found.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9
+        approximation.approximate.value()[0] / -(omega**2), approximate, rtol=ALGEBRAIC
+    )
+    np.testing.assert_allclose(
+        approximation.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9
     )
 
 
 @pytest.mark.oracle
-def test_values_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():
+def test_values_responses_and_errors_have_the_derivatives_of_differences():
     keys = [
         "1|5.stiffness",
         "1|5.loss_factor",
@@ -207,10 +202,12 @@ def test_values_responses_and_the_error_of_the_approximation_have_the_derivative
     def value(numbers):
         changed = train.replace(dict(zip(keys, numbers[:-1], strict=True)))
         omega = jnp.array([3.0, 1.0]) * numbers[-1]
-        found = characteristic(changed, 1j * omega)
+        polynomial = characteristic(changed, 1j * omega)
         response = jnp.abs(frequency_response(changed, "1", "3", omega / (2 * jnp.pi)))
         error = damped_approximation(changed, omega).relative_error
-        return jnp.concatenate([found.log_modulus, found.phase, response, error])
+        return jnp.concatenate(
+            [polynomial.log_modulus, polynomial.phase, response, error]
+        )
 
     check_derivative(
         value, [*(float(train.value(key)) for key in keys), 20.0], step=2e-4
@@ -218,27 +215,22 @@ def test_values_responses_and_the_error_of_the_approximation_have_the_derivative
 
 
 def test_derivatives_beside_a_root_are_those_of_two_disks():
-    # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at p = i
-    # omega
+    # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at
+    # p = i omega.
     train = build(chain_parts([2.0, 3.0], [120.0]))
     omega = 10.0 * (1 + 1e-9)
 
     def value(k, w):
-        return (
-            characteristic(train.replace({"1|2.stiffness": k}), 1j * jnp.array([w]))
-            .value()
-            .real[0]
-        )
+        changed = train.replace({"1|2.stiffness": k})
+        return characteristic(changed, 1j * jnp.array([w])).value().real[0]
 
     slopes = jax.jit(jax.grad(value, (0, 1)))(120.0, omega)
-    wanted = (
-        -(omega**2) * 5 / 6,
-        4 * omega**3 - 2 * omega * 100.0,
-    )  # D = omega^4 - omega^2 k 5/6
-    np.testing.assert_allclose(slopes, wanted, rtol=ALGEBRAIC)
+    # D = omega^4 - omega^2 k 5/6.
+    expected = (-(omega**2) * 5 / 6, 4 * omega**3 - 2 * omega * 100.0)
+    np.testing.assert_allclose(slopes, expected, rtol=ALGEBRAIC)
 
 
-def test_loops_beyond_what_the_rules_hold_for_are_refused_by_name():
+def test_loops_beyond_those_of_the_rules_are_refused_by_name():
     two = [*ring_with_tails(), Shaft(between=("2", "4"), stiffness=5.0)]
     with pytest.raises(jaxhb.SceneError, match="close 2 loops"):
         characteristic(build(two), np.array([1j]))

@@ -13,7 +13,7 @@ CURVES = {
     "published_fig32_pulley_geartrain_Nm": ("pulley", "gear train"),
 }
 HIGHEST_RPM = 2400
-"""The pressure falls steeply above; the comparison of the reference stops there."""
+"""Pressure falls steeply above; the comparison of the reference stops there."""
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +50,12 @@ def deviation(sweep, curve, quantity):
     there, and that of the peaks.
     """
     rpm, published = np.array(sorted(DATA[curve])).T
-    found = getattr(sweep.torque(*CURVES[curve]).elastic, quantity)
+    first, second = CURVES[curve]
     inside = np.array(DATA["rpm"]) <= HIGHEST_RPM
-    relative = (
-        found[inside] / np.interp(np.array(DATA["rpm"])[inside], rpm, published) - 1
-    )
-    return relative, found[inside].max() / published.max() - 1
+    torque = getattr(sweep.torque(first, second).elastic, quantity)[inside]
+    speeds = np.array(DATA["rpm"])[inside]
+    relative = torque / np.interp(speeds, rpm, published) - 1
+    return relative, torque.max() / published.max() - 1
 
 
 @pytest.mark.parametrize("curve", CURVES)
@@ -82,13 +82,14 @@ def test_recomputed_curves_of_all_shafts_to_their_digits(mirrored):
         np.testing.assert_allclose(
             shaft.sum_of_amplitudes, table["sum_abs_Nm_by_shaft"][k], rtol=PATHS
         )
-        # the table looks for extremes on its own grid
+        # The table looks for extremes on its own grid.
         half = table["half_peak_to_peak_Nm_by_shaft"][k]
         np.testing.assert_allclose(shaft.half_peak_to_peak, half, rtol=5e-3)
 
 
 def test_sense_of_the_firing_angles_moves_inner_shafts_only(sweep):
     table = np.array(DATA["computed_exact_orders"]["sum_abs_Nm_by_shaft"])
-    found = np.array([shaft.sum_of_amplitudes for shaft in shafts(sweep)])
-    apart = np.abs(found / table - 1).max(1)
-    assert apart[[0, 1, 7]].max() < 1e-3 and 0.01 < apart.max() < 0.05
+    sums = np.array([shaft.sum_of_amplitudes for shaft in shafts(sweep)])
+    apart = np.abs(sums / table - 1).max(1)
+    assert apart[[0, 1, 7]].max() < 1e-3
+    assert 0.01 < apart.max() < 0.05

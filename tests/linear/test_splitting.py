@@ -5,7 +5,8 @@ branches, as corrected.
 over p^2. Row 2 of table 1 of the source's chapter 3, a branch 5-6 at mass 3 of a chain
 1-4, must read (docs/theory C2)
 
-    R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3),    gamma_ij = k_i k_j / I_3^2;  printed: gamma_35.
+    R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3),
+    gamma_ij = k_i k_j / I_3^2;  printed: gamma_35.
 """
 
 from fractions import Fraction
@@ -35,7 +36,7 @@ M is positive definite.
 
 
 def inertia(mass):
-    """That of a mass; ``-mass`` is a second one as heavy."""
+    """Inertia of a mass; ``-mass`` is a second mass as heavy."""
     return Fraction(abs(mass) + 1, 2)
 
 
@@ -58,14 +59,15 @@ def piece(ends, p, held=()):
             for b in pair:
                 if a in rows and b in rows:
                     rows[a][b] += spring(link, p) * (1 if a == b else -1)
-    found = Fraction(1)
+    determinant = Fraction(1)
     for i, a in enumerate(free):
-        found *= rows[a][a] / inertia(a)
+        determinant *= rows[a][a] / inertia(a)
         for b in free[i + 1 :]:
             share = rows[b][a] / rows[a][a]
             rows[b] = {c: rows[b][c] - share * rows[a][c] for c in free}
     # Rigid rotation makes p^2 a factor.
-    return found / p**2 if ends and not held and len(masses) == len(ends) + 1 else found
+    floats = ends and not held and len(masses) == len(ends) + 1
+    return determinant / p**2 if floats else determinant
 
 
 def among(ends, chosen):
@@ -84,8 +86,8 @@ def of_train(ends):
         parts.append(
             Shaft(between=(str(a), str(b)), stiffness=2.0 * link + 1, damping=link / 10)
         )
-    found = characteristic_coefficients(build(parts), exact=True)
-    return found[:-2] if len(ends) < len(masses) else found
+    coefficients = characteristic_coefficients(build(parts), exact=True)
+    return coefficients[:-2] if len(ends) < len(masses) else coefficients
 
 
 def values(coefficients):
@@ -106,17 +108,14 @@ def test_a_branch_needs_gamma_25_where_gamma_35_is_printed():
 
     def split(i, j, p):
         """Row 2 with gamma_ij in the last term."""
+        whole = R(p, 1, 2) * R(p, 3, 4, 5, 6)
         first = gamma(3, 2, 3, p) * R(p, 1) * R(p, 4) * R(p, 5, 6, held=[3])
-        return (
-            R(p, 1, 2) * R(p, 3, 4, 5, 6)
-            - first
-            - gamma(3, i, j, p) * R(p, 1) * R(p, 6) * R(p, 3, 4, held=[3])
-        )
+        last = gamma(3, i, j, p) * R(p, 1) * R(p, 6) * R(p, 3, 4, held=[3])
+        return whole - first - last
 
     for key, i, j in (("coeffs", 2, 5), ("coeffs_as_printed", 3, 5)):
-        assert [split(i, j, p) for p in POINTS] == values(
-            list(map(Fraction, expected[key]))
-        )
+        coefficients = [Fraction(number) for number in expected[key]]
+        assert [split(i, j, p) for p in POINTS] == values(coefficients)
 
 
 def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_disks():
@@ -131,28 +130,26 @@ def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_dis
     ]
     train = build(parts, reference="1")
     p = np.array([0.3 + 2j, 1j * 7.0])
-    found = characteristic_coefficients(train)
+    coefficients = characteristic_coefficients(train)
     np.testing.assert_allclose(
-        np.polyval(found, p), characteristic(train, p).value(), rtol=1e-11
+        np.polyval(coefficients, p), characteristic(train, p).value(), rtol=1e-11
     )
-    np.testing.assert_allclose(
-        found,
-        np.array(characteristic_coefficients(train, exact=True), float),
-        rtol=ALGEBRAIC,
-    )
+    exact = np.array(characteristic_coefficients(train, exact=True), float)
+    np.testing.assert_allclose(coefficients, exact, rtol=ALGEBRAIC)
 
 
-def test_values_by_coefficients_in_double_precision_are_useless_where_the_recursion_is_exact():
+def test_rounded_coefficients_give_useless_values_where_the_recursion_is_exact():
     # docs/theory C5: uniform chain of 30 disks, Horner's rule on rounded coefficients
-    # against the closed form
+    # against the closed form.
     _, expected = method_case("C_large_chain_recurrence")
     train = build(chain_parts([1.0] * 30, [1.0] * 29))
     coefficients = np.array(characteristic_coefficients(train, exact=True), float)
     x = 2.7
-    wanted = float(expected["R"]["S=30,x=2.7"])
+    exact = float(expected["R"]["S=30,x=2.7"])
     horner = np.polyval(coefficients, 1j * np.sqrt(x)).real / -x
     recursion = characteristic(train, np.array([1j * np.sqrt(x)])).value()[0].real / -x
-    assert abs(horner / wanted - 1) > 1e-3 and abs(recursion / wanted - 1) < 1e-11
+    assert abs(horner / exact - 1) > 1e-3
+    assert abs(recursion / exact - 1) < 1e-11
 
 
 def test_what_has_no_coefficients_is_refused_all_at_once():
@@ -163,6 +160,5 @@ def test_what_has_no_coefficients_is_refused_all_at_once():
         characteristic_coefficients(build(gearbox_parts(), reference="motor"))
     with pytest.raises(jaxhb.SceneError) as error:
         characteristic_coefficients(build(chain_parts([0.0, *[1.0] * 13], [1.0] * 13)))
-    assert "disk '1' has no inertia" in str(
-        error.value
-    ) and "14 disks in double precision" in str(error.value)
+    assert "disk '1' has no inertia" in str(error.value)
+    assert "14 disks in double precision" in str(error.value)

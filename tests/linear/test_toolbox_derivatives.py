@@ -1,5 +1,5 @@
-"""Derivatives of what engineers tune on beside amplitudes and frequencies, against
-differences.
+"""Derivatives of quantities that engineers tune on beside amplitudes and frequencies,
+against differences.
 """
 
 from functools import partial
@@ -45,8 +45,15 @@ def build(*, order=None):
 
 
 TRAIN = build()
-KEYS = ["a.inertia", "ring.inertia", "a|b.stiffness", "b|c.stiffness", "ring.stiffness", "c.radius",
-        "e:ground.stiffness"]  # fmt: skip
+KEYS = [
+    "a.inertia",
+    "ring.inertia",
+    "a|b.stiffness",
+    "b|c.stiffness",
+    "ring.stiffness",
+    "c.radius",
+    "e:ground.stiffness",
+]
 
 
 def numbers_of(train, keys, *more):
@@ -59,27 +66,26 @@ def changed(values, train=TRAIN, keys=KEYS):
 
 
 def holzer_table(values):
-    found = jaxhb.holzer_table(changed(values), hz=HZ)
-    columns = (
-        found.ordinate,
-        found.torque_sum,
-        found.twist,
-        found.kinetic_energy,
-        found.strain_energy,
-    )
-    return jnp.concatenate([*columns, found.residual[None]])
+    table = jaxhb.holzer_table(changed(values), hz=HZ)
+    columns = [
+        table.ordinate,
+        table.torque_sum,
+        table.twist,
+        table.kinetic_energy,
+        table.strain_energy,
+        table.residual[None],
+    ]
+    return jnp.concatenate(columns)
 
 
 def holzer_residual(values):
-    return jaxhb.holzer_residual(
-        changed(values), hz=jnp.array([0.5, 1.0]) * values[-1] / 20.0
-    )
+    hz = jnp.array([0.5, 1.0]) * values[-1] / 20.0
+    return jaxhb.holzer_residual(changed(values), hz=hz)
 
 
 def energies_of_modes(values):
-    return jnp.concatenate(
-        [jnp.ravel(a[1:]) for a in jaxhb.mode_shares(changed(values), HEAVY)]
-    )
+    shares = jaxhb.mode_shares(changed(values), HEAVY)
+    return jnp.concatenate([jnp.ravel(share[1:]) for share in shares])
 
 
 def coefficients(values):
@@ -94,57 +100,62 @@ def test_quantities_have_the_derivatives_of_differences(quantity):
 
 
 @pytest.mark.parametrize("order", [None, ORDER + 1.0])
-def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differences(
-    order,
-):
-    train, keys = (
-        build(order=order),
-        [
-            "a.inertia",
-            "a|b.stiffness",
-            "ring.inertia",
-            "c.radius",
-            "a:torque.rated_rpm",
-        ],
-    )
-    keys += ["ring.order"] * bool(order)
-    at, rpm = numbers_of(train, keys), np.linspace(100.0, 1500.0, 20)
+def test_critical_speeds_and_modal_torques_have_the_derivatives_of_differences(order):
+    train = build(order=order)
+    keys = [
+        "a.inertia",
+        "a|b.stiffness",
+        "ring.inertia",
+        "c.radius",
+        "a:torque.rated_rpm",
+    ]
+    if order:
+        keys.append("ring.order")
+    at = numbers_of(train, keys)
+    rpm = np.linspace(100.0, 1500.0, 20)
 
-    def found(values):
+    def critical_speeds(values):
         return jaxhb.campbell(
             changed(values, train, keys), rpm=rpm, orders=[ORDER], count=3
         ).critical
 
+    def numbers(critical):
+        return [critical.rpm, critical.hz, critical.torque]
+
     def refined(near, values):
-        c = jaxhb.critical_speed(changed(values, train, keys), near, heavy=HEAVY)
-        return jnp.stack([c.rpm, c.hz, c.torque])
+        critical = jaxhb.critical_speed(changed(values, train, keys), near, heavy=HEAVY)
+        return jnp.stack(numbers(critical))
 
-    for number, near in enumerate(found(at)):
+    for number, near in enumerate(critical_speeds(at)):
 
-        def searched(several, number=number):
+        def searched(designs, number=number):
             return np.array(
-                [[(c := found(v)[number]).rpm, c.hz, c.torque] for v in several]
+                [numbers(critical_speeds(values)[number]) for values in designs]
             )
 
         value = partial(refined, near)
-        slopes, values = map(
-            np.asarray,
-            jax.jit(jax.jacfwd(lambda v, f=value: (f(v),) * 2, has_aux=True))(at),
-        )
-        np.testing.assert_allclose(values, [near.rpm, near.hz, near.torque], rtol=1e-9)
-        for slope, expected in zip(
-            slopes, differences(searched, at, 1e-3 * at).T, strict=True
-        ):
+
+        def twice(values, value=value):
+            critical = value(values)
+            return critical, critical
+
+        slopes, values = jax.jit(jax.jacfwd(twice, has_aux=True))(at)
+        np.testing.assert_allclose(values, numbers(near), rtol=1e-9)
+        by_differences = differences(searched, at, 1e-3 * at).T
+        for slope, expected in zip(np.asarray(slopes), by_differences, strict=True):
             compare(slope * at, expected * at, GRADIENT)
-    check_derivative(
-        lambda v: jax.jacfwd(value)(v)[::2].ravel() * jnp.tile(at, 2), at
-    )  # second ones, of the last
+
+    def scaled_slopes(values):
+        return jax.jacfwd(value)(values)[::2].ravel() * jnp.tile(at, 2)
+
+    # Second derivatives of the last critical speed.
+    check_derivative(scaled_slopes, at)
 
 
 def at_mean_load(keys, values):
-    found = jaxhb.at_mean_load(changed(values, keys=keys), rpm=values[-1])
-    hz = jaxhb.frequencies_hz(found.train, HEAVY)
-    return jnp.concatenate([hz[1:3], found.stiffness, found.force, found.engagement])
+    load = jaxhb.at_mean_load(changed(values, keys=keys), rpm=values[-1])
+    hz = jaxhb.frequencies_hz(load.train, HEAVY)
+    return jnp.concatenate([hz[1:3], load.stiffness, load.force, load.engagement])
 
 
 def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differences():
@@ -156,50 +167,51 @@ def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differ
         "c.radius",
         "a|b.stiffness",
     ]
-    at, value = numbers_of(TRAIN, keys, 1000.0), partial(at_mean_load, keys)
+    at = numbers_of(TRAIN, keys, 1000.0)
+    value = partial(at_mean_load, keys)
     assert 0.1 < value(at)[-1] < 0.9  # in the transition zone
     check_derivative(value, at, staged=False)
-    second = partial(
-        check_derivative,
-        at=at,
-        staged=False,
-        scale=np.repeat(np.abs(value(at)[2:]), len(at)),
-    )
-    second(lambda v: jax.jacrev(lambda x: value(x)[2:])(v).ravel() * jnp.tile(at, 3))
+
+    def teeth(values):
+        return value(values)[2:]
+
+    def scaled_slopes(values):
+        return jax.jacrev(teeth)(values).ravel() * jnp.tile(at, 3)
+
+    scale = np.repeat(np.abs(teeth(at)), len(at))
+    check_derivative(scaled_slopes, at, staged=False, scale=scale)
 
 
 def test_barred_ranges_have_the_derivatives_of_differences():
-    train, shaft = jaxhb.load_scene("six_cylinder_diesel"), "cyl6|flywheel"
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    shaft = "cyl6|flywheel"
     keys = [f"{shaft}.stiffness", "pulley.inertia"]
 
     @jax.jit
     def stress(values):
         rpm = jnp.linspace(1500.0, 3000.0, 16) + values[2]
         response = jaxhb.forced_response(changed(values, train, keys), rpm=rpm)
-        return rpm, jaxhb.torsional_stress(
-            response.torque(shaft).half_peak_to_peak, diameter=values[3]
-        )
+        swing = response.torque(shaft).half_peak_to_peak
+        return rpm, jaxhb.torsional_stress(swing, diameter=values[3])
 
     at = numbers_of(train, keys, 0.5, 0.08, 0.0)
     at[-1] = np.mean(stress(at)[1])  # a lower limit than the rule has
 
+    def barred_ranges(values):
+        rpm, amplitude = stress(values)
+        return jaxhb.barred_ranges(rpm, amplitude, values[-1], 1.5 * values[-1])
+
     def numbers(values):
-        found = jaxhb.barred_ranges(*stress(values), values[-1], 1.5 * values[-1])
+        fields = ("low", "high", "at", "share", "transient_share")
+        ranges = barred_ranges(values)
         return jnp.stack(
-            [
-                getattr(one, f)
-                for one in found
-                for f in ("low", "high", "at", "share", "transient_share")
-            ]
+            [getattr(barred, field) for barred in ranges for field in fields]
         )
 
-    found = jaxhb.barred_ranges(*stress(at), at[-1], 1.5 * at[-1])
-    assert (
-        found
-        and not found[0].open_below
-        and not found[0].open_above
-        and isinstance(found[0].low, float)
-    )
+    first, *_ = barred_ranges(at)
+    assert not first.open_below
+    assert not first.open_above
+    assert isinstance(first.low, float)
     check_derivative(numbers, at, step=1e-6, staged=False)
 
 
@@ -219,7 +231,10 @@ def test_damping_ratios_have_the_derivatives_of_differences():
     at = numbers_of(train, keys)
     paired = np.isfinite(jaxhb.damping_ratios(train, modes))
     assert paired.sum() >= 3
-    value = lambda v: jaxhb.damping_ratios(changed(v, train, keys), modes)[paired]  # noqa: E731
+
+    def value(values):
+        return jaxhb.damping_ratios(changed(values, train, keys), modes)[paired]
+
     check_derivative(value, at, step=1e-3, staged=False)
 
 
