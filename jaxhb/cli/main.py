@@ -569,7 +569,7 @@ def tune() -> None:
     "as the scene is, the worst case and the sample over the speed", spectra=False
 )
 def tolerance() -> None:
-    """What do tolerances and wear do: the worst case, and which number makes it.
+    """The worst case of tolerances and wear, and which number makes it.
 
     The [tolerance] table of the scene says how far numbers may be from theirs; a worn
     train is a [scenario.NAME] (--scenario). At each speed the largest force, torque and
