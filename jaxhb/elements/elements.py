@@ -16,6 +16,8 @@ from functools import cache, reduce
 from operator import ge, gt, le, lt, or_
 from typing import Any
 
+from jaxhb.elements.rules import RULES
+
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
@@ -206,14 +208,6 @@ _OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
-RULES = (
-    "M68",
-    *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"),
-    "KR generator shaft",
-)
-"""Sets of limits by which shafts are judged; ``jaxhb.linear.strength`` has their
-formulae and sources.
-"""
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on"
     " a taper; for a notch with stress concentration factor scf give 1.45 / scf."

@@ -18,7 +18,6 @@ from jaxhb._jax import traced
 from jaxhb.elements.elements import (
     LARGEST,
     MOST_SENTENCES,
-    RULES,
     SMALLEST,
     Combustion,
     Cylinder,
@@ -32,6 +31,7 @@ from jaxhb.elements.elements import (
     shown,
     suggestion,
 )
+from jaxhb.elements.rules import RULES
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
@@ -646,32 +646,31 @@ def _section_errors(shaft: Shaft) -> list[str]:
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
     asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
-    form_factor = "stress_concentration"
-    other_rule = shaft.rule in RULES[1:]
+    rule = RULES.get(shaft.rule) if isinstance(shaft.rule, str) else None
+    needs = _STRENGTH_KEYS if rule is None else rule.needs
     lacking = [
         key
-        for key in _STRENGTH_KEYS
+        for key in needs
         if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
     ]
-    if other_rule:
+    if rule is not None and not rule.default:
         asking = ["rule"]
-        lacking = [key for key in lacking if key != form_factor]
     if asking and lacking:
-        rule = shaft.rule if other_rule else "IACS UR M68"
+        title = shaft.rule if rule is None else rule.title or rule.name
         limits = (
             f"{_joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
-            f" limits of {rule}"
+            f" limits of {title}"
         )
         texts.append(
             f"{limits}, without {_joined(lacking)}. Give"
             f" {_joined(_STRENGTH_KEYS[key] for key in lacking)}."
         )
-    unread = form_factor if other_rule else "yield_strength"
-    if getattr(shaft, unread) is not None and shaft.rule in RULES:
-        texts.append(
-            f"{unread} has no part in the limits of {shaft.rule}. Leave it out, or name"
-            " another rule."
-        )
+    texts += [
+        f"{key} has no part in the limits of {shaft.rule}. Leave it out, or name"
+        " another rule."
+        for key in (() if rule is None else rule.unread)
+        if getattr(shaft, key) is not None
+    ]
     return texts
 
 

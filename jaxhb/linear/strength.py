@@ -1,13 +1,7 @@
-"""Torsional stresses of shafts compared with their limits after IACS UR M68, tooth
-torques, and the heat of a link.
+"""Torsional stresses of shafts compared with their limits, tooth torques, and the heat
+of a link: an aid to evaluation, no approval by a class.
 
-The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their
-permissible torsional vibration stresses", for intermediate, thrust and propeller
-shafts. Crankshafts have a rule of their own, UR M53, which is not computed here. For
-the torsional stresses of crankshafts and generator shafts there is besides: Korean
-Register, Rules for the Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4.
-Both are to be checked against their current texts: an aid to evaluation, no approval by
-a class.
+The rules with their sources are in :mod:`jaxhb.elements.rules`.
 """
 
 from __future__ import annotations
@@ -22,56 +16,20 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
-from jaxhb.elements.elements import RULES, suggestion
+from jaxhb.elements.elements import suggestion
+from jaxhb.elements.rules import RULES, Section
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
-CAP = 800e6
-"""Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels;
-for other steels and for propeller shafts it says less, which the user observes by the
-tensile strength.
-"""
-PLATEAU = 0.9  # speed ratio from which the limit of M68 is constant
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
 # Vibratory torque that a mesh may pass on, over its rated torque
 SHARE_OF_RATED = 1.0 / 3.0
-KR_CAP = 835e6
-"""CAP of the rules of the Korean Register: beyond it they leave the limit to the
-society.
-"""
-
-
-@dataclass(frozen=True)
-class Rule:
-    """Source of a rule, and shares of the rated speed: ``highest``, up to which it has
-    limits, ``asked``, up to which it requires stresses, and ``passed``, above which it
-    accepts no barred range.
-    """
-
-    source: str
-    highest: float
-    asked: float
-    passed: float
-
-
-_M68 = "IACS UR M68"
-_KR = (
-    "Korean Register, Rules for the Classification of Steel Ships 2025, Part 5,"
-    " Chapter 4, "
-)
-RULE = dict.fromkeys(RULES[3:], Rule(f"{_KR}203 (generators)", 1.1, 1.2, 0.9))
-RULE |= dict.fromkeys(RULES[1:3], Rule(f"{_KR}201 (main engines)", 1.15, 1.2, 0.8))
-RULE |= {RULES[0]: Rule(_M68, 1.05, 1.05, 0.8)}
-"""Rules by their names; 102 of the Korean Register requires the stresses up to 120 % of
-the rated speed.
-"""
 
 
 def corners_of(rule: str) -> tuple[float, ...]:
     """Shares of the rated speed at which a limit of a rule has a step or a corner."""
-    corners = (PLATEAU,) if rule == RULES[0] else (RULE[rule].passed, 1.0)
-    return *corners, RULE[rule].highest
+    return RULES[rule].corners
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
@@ -147,56 +105,17 @@ def permissible_stress(
     >>> [(limit / 1e6).round(2).tolist() for limit in limits]
     [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
     """
-    if rule not in RULE:
+    if rule not in RULES:
         raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
     xp = namespace(
         diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio
     )
     ratio = xp.asarray(speed_ratio, dtype=float)
-    if rule != RULES[0]:
-        return _korean(xp, rule, ratio, tensile_strength, yield_strength)
-    # The numbers of the rule are for mm and MPa.
-    size = 0.35 + 0.93 * (1e3 * diameter) ** -0.2
-    strength = xp.minimum(tensile_strength, CAP) / 1e6
-    slope = xp.where(ratio < PLATEAU, 3.0 - 2.0 * ratio**2, 3.0 - 2.0 * PLATEAU**2)
-    continuous = 1e6 * (strength + 160.0) / 18.0 * stress_concentration * size * slope
+    section = Section(diameter, tensile_strength, stress_concentration, yield_strength)
     # Both are masked, not one computed from the other: the derivative of an infinite
     # limit would be nan.
-    transient = 1.7 * continuous / stress_concentration**0.5
-    beyond = ratio > RULE[rule].highest
-    return (
-        xp.where(beyond, math.inf, continuous),
-        xp.where(beyond, math.inf, transient),
-    )
-
-
-def _korean(
-    xp: ModuleType,
-    rule: str,
-    ratio: Array,
-    tensile_strength: Number,
-    yield_strength: Number,
-) -> tuple[Array, Array]:
-    """Apply :func:`permissible_stress` after the Korean Register."""
-    of_kind_a = rule.endswith("A")
-    amplitude = 21.0 if of_kind_a else 16.0
-    if rule == RULES[5]:
-        amplitude = 31.0
-    continuous = xp.ones_like(ratio) * amplitude
-    passing = xp.ones_like(ratio) * (118.0 if rule == RULES[5] else 90.0)
-    if rule in RULES[1:3]:
-        below = 45.0 - (24.0 if of_kind_a else 29.0) * ratio**2
-        # The root has no derivative at 1: another number stands there.
-        above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
-        passing = 2.0 * below
-        continuous = xp.where(ratio > 1.0, continuous + above, below)
-    strength = xp.minimum(xp.asarray(tensile_strength, dtype=float), KR_CAP) / 440e6
-    continuous = 1e6 * continuous * xp.maximum(1.0 + 2.0 / 3.0 * (strength - 1.0), 1.0)
-    passing = (
-        1e6 * passing * xp.maximum(xp.asarray(yield_strength, dtype=float) / 225e6, 1.0)
-    )
-    transient = xp.where(ratio > RULE[rule].passed, continuous, passing)
-    beyond = ratio > RULE[rule].highest
+    continuous, transient = RULES[rule].limits(section, ratio)
+    beyond = ratio > RULES[rule].highest
     return (
         xp.where(beyond, math.inf, continuous),
         xp.where(beyond, math.inf, transient),
@@ -413,10 +332,10 @@ class Strength:
             stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
             reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))
             rated = self.rated_rpm or 0.0
-            required = RULE[rule].asked * rated
+            required = RULES[rule].asked * rated
             judgement = Judged(
-                source=RULE[rule].source,
-                limits_to_rpm=RULE[rule].highest * rated,
+                source=RULES[rule].source,
+                limits_to_rpm=RULES[rule].highest * rated,
                 asked_to_rpm=required,
                 known_to_rpm=reached,
                 complete=reached >= (1 - NEAR) * required,

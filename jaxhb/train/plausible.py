@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Number, on_host, refuse_tracers
-from jaxhb.elements.elements import RULES
+from jaxhb.elements.rules import RULES
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
@@ -573,7 +573,7 @@ def _links(train: DriveTrain) -> Iterator[Note]:
         if (
             strengths[i]
             and throws.issuperset(ends)
-            and topology.shaft_rules[i] == RULES[0]
+            and not RULES[topology.shaft_rules[i]].crankshafts
         ):
             text = (
                 "tensile_strength sets the limits of IACS UR M68, which do not hold for"

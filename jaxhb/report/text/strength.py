@@ -11,10 +11,9 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb._shown import ranges
-from jaxhb.elements.elements import RULES
+from jaxhb.elements.rules import RULES
 from jaxhb.linear.strength import (
     NEAR,
-    RULE as OF_RULE,
     BarredRange,
     Heat,
     Strength,
@@ -38,27 +37,6 @@ from jaxhb.results.record import Motions
 AID = "evaluation aid, no class approval"
 
 ENOUGH = 50  # speeds from which barred ranges are found
-
-RULE = (
-    "Limits after IACS UR M68 for intermediate, thrust and propeller shafts, "
-    "lambda = speed / {rated:g} rpm: to be checked\n"
-    "against its current text. Tensile strengths count up to 800 MPa; of carbon "
-    "steels and propeller shafts the rule counts\n"
-    "at most 600 MPa. They do NOT hold for crankshafts: these have a rule of "
-    "their own, IACS UR M53, which adds bending,\n"
-    "fillets and oil holes, and is not computed here."
-)
-
-
-OTHER = (
-    "Limits after {source},\n"
-    "lambda = speed / {rated:g} rpm: to be checked against its current text. A: "
-    "four-strokes in line, or in vee with firing\n"
-    "intervals of 45 or 60 deg; B: two-strokes and other vees. Tensile strengths "
-    "count up to 835 MPa; of carbon steels the\n"
-    "rule counts at most 590 MPa. The strength of a crankshaft after IACS UR M53 "
-    "is not computed here."
-)
 
 
 @dataclass(frozen=True)
@@ -226,9 +204,8 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
         ]
         if any(row.continuous is not None for row in strength.stresses.values()):
             for rule in strength.judged:
-                template = RULE if rule == RULES[0] else OTHER
-                sources[rule] = template.format(
-                    source=OF_RULE[rule].source, rated=strength.rated_rpm
+                sources[rule] = RULES[rule].note.format(
+                    source=RULES[rule].source, rated=strength.rated_rpm
                 )
             if len(strength.rpm) > 1:
                 blocks += [_barred_text(strength, rule) for rule in strength.judged]
@@ -306,8 +283,8 @@ def _barred_text(strength: Strength, rule: str) -> str:
         for name in limited
         for barred_range in strength.barred[name]
     ]
-    after = f" after {rule}" * (rule != RULES[0])
-    share = OF_RULE[rule].highest
+    after = "" if RULES[rule].default else f" after {rule}"
+    share = RULES[rule].highest
     reach = strength.judged[rule]
     first = next(iter(limited.values()))
     rpm = np.asarray(strength.rpm)
@@ -322,7 +299,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" ({AID})"
         ]
         lines += [
-            _range_text(name, barred_range, OF_RULE[rule].passed, rated)
+            _range_text(name, barred_range, RULES[rule].passed, rated)
             for name, barred_range in barred
         ]
         speeds = rpm[within & np.isfinite(first.stress)]
@@ -354,9 +331,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" no limit: NOT judged{largest_there}."
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
-        speed = (
-            f"{OF_RULE[rule].asked:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
-        )
+        speed = f"{RULES[rule].asked:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
             if reach.known_to_rpm
