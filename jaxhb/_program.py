@@ -343,13 +343,14 @@ def _plain(leaves: Sequence) -> bool:
     """Whether all arrays lie where programs run by default, and that is the processor
     of the host.
     """
-    device = jax.config.jax_default_device or jax.devices()[0]
+    config: Any = jax.config
+    device = config.jax_default_device or jax.devices()[0]
     if isinstance(device, str):
         device = jax.devices(device)[0]
     if (
         device.platform != "cpu"
         or device != jax.devices("cpu")[0]
-        or jax.config.jax_disable_jit
+        or config.jax_disable_jit
     ):
         return False
     here = SingleDeviceSharding(device)

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context, copy_context
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 
@@ -26,7 +26,8 @@ def side_by_side(
         return
     # More threads than processors: some wait for programs that others make.
     threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS), "jaxhb")
-    device = jax.config.jax_default_device
+    config: Any = jax.config
+    device = config.jax_default_device
 
     def run(context: Context, item: Item) -> Made:
         with jax.default_device(device):

@@ -66,7 +66,7 @@ def least_changed(
     def change(point: SweepPoint) -> float:
         packing = PackedPoint(sweeps, point)
         following, _ = sweep_program(sweeps, point, plan=plan)
-        return np.linalg.norm(packing.pack(following) - packing.pack(point))
+        return float(np.linalg.norm(packing.pack(following) - packing.pack(point)))
 
     return min(points, key=change)
 

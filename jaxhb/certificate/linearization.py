@@ -25,6 +25,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -372,7 +373,7 @@ class Linearization:
 
     def _decay_bound(
         self, system: chain.System, columns: Array
-    ) -> tuple[float, float, float]:
+    ) -> tuple[Any, Any, float]:
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping
         (docs/theory A4.5).
         """

@@ -694,7 +694,7 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.nda
         solution = np.linalg.solve(
             np.where(regular[..., None, None], matrices, np.nan), right
         )
-    is_solved = np.isfinite(solution).all((-2, -1))
+    is_solved = np.asarray(np.isfinite(solution).all((-2, -1)))
     return np.where(is_solved[..., None, None], solution, 0.0), is_solved
 
 

@@ -103,6 +103,7 @@ class Stepper:
         """Stiffness over its mean, less 1, ``(G,)`` at half step ``row`` of the
         cycle.
         """
+        assert self.variation is not None  # only teeth that vary are asked
         return lax.dynamic_index_in_dim(self.variation, row, keepdims=False)
 
     def nonlinear_force(

@@ -252,7 +252,7 @@ class _Curve:
 
     def linearize(
         self, y: np.ndarray, normal: np.ndarray
-    ) -> tuple[float, np.ndarray, np.ndarray, Any]:
+    ) -> tuple[Any, np.ndarray, np.ndarray, Any]:
         """Error, change ``(m+1,)``, tangent ``(m+1,)`` of length 1, and slopes."""
         self.jacobians += 1
         value, change, tangent, slopes = self.equations(y, normal)
@@ -310,12 +310,12 @@ class _Curve:
     def polish(
         self,
         y: np.ndarray,
-        error: float,
+        error: Any,
         change: np.ndarray,
         slopes: Any,
         tangent: np.ndarray,
         normal: np.ndarray,
-    ) -> tuple[np.ndarray, float, np.ndarray]:
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         """Correct with the same Jacobian as long as each change is less than half of
         the last; return y, error and the change that is left.
         """

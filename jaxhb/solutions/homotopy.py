@@ -165,7 +165,8 @@ class MapCurve:
         """
 
         def apply(direction: np.ndarray) -> np.ndarray:
-            short = DIFFERENCE * max(np.linalg.norm(y), 1.0) / np.linalg.norm(direction)
+            size = np.maximum(np.linalg.norm(y), 1.0)
+            short = DIFFERENCE * size / np.linalg.norm(direction)
             return np.append(
                 (self.unclosed(y + short * direction) - value) / short,
                 normal @ direction,
@@ -194,11 +195,11 @@ class MapCurve:
         )
 
 
-def _solve(apply: Product, right: np.ndarray, goal: float) -> np.ndarray:
+def _solve(apply: Product, right: np.ndarray, goal: Any) -> np.ndarray:
     """Solve ``apply(x) = right`` for x ``(n,)`` to a residual of norm ``left``."""
     return gcr_on_host(
         apply,
         right,
-        tolerance=goal / max(np.linalg.norm(right), 1e-300),
+        tolerance=goal / np.maximum(np.linalg.norm(right), 1e-300),
         steps=KRYLOV_STEPS,
     )
