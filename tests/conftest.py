@@ -29,7 +29,7 @@ docs/how_to/start_up.md has what a solve takes.
 """
 
 LONGEST = ("test_examples", "test_notebooks", "test_tuning", "test_gear_train_30")
-"""Files that take longest though they have few tests; those with tests marked "oracle"
+"""Files that take longest though they have few tests; those with tests marked "slow"
 follow, the others by folder.
 """
 
@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(items):
     others idle.
     """
     rank = {name: place for place, name in enumerate(LONGEST)}
-    slow = {item.path for item in items if item.get_closest_marker("oracle")}
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(
         key=lambda item: rank.get(item.path.stem, len(rank) + (item.path not in slow))
     )

@@ -17,7 +17,7 @@ from jaxhb.design.quantities import check_all
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.train import chain
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 STEPS = 12000

@@ -18,11 +18,20 @@ NAMES = [
 ]
 SLOW = {
     "balance.derivative",
+    "balance.harmonic_residual",
     "branches.branch",
     "branches.search",
     "certificate.certificate",
+    "design.identification",
+    "design.phases",
     "design.tuning",
+    "design.worst_case",
     "integration.reference",
+    "linear.critical",
+    "linear.polynomial",
+    "linear.sensitivity",
+    "solutions.misfires",
+    "solutions.solve",
 }
 SLOW = {f"jaxhb.{name}" for name in SLOW}
 
@@ -30,7 +39,7 @@ SLOW = {f"jaxhb.{name}" for name in SLOW}
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.oracle] if name in SLOW else [])
+        pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
         for name in NAMES
     ],
 )

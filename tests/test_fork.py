@@ -61,6 +61,7 @@ def test_a_process_forked_after_a_solve_ends_with_a_sentence_without_waiting():
     assert all(advice in line for line in lines)
 
 
+@pytest.mark.slow
 def test_a_spawned_process_solves(tmp_path):
     (tmp_path / "spawned.py").write_text(SPAWNED)
     assert printed(str(tmp_path / "spawned.py")).strip() == "[0]"

@@ -166,6 +166,7 @@ PRINTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fact", PRINTED)
 def test_what_is_loaded_and_set_when_the_package_is_imported(fact):
     code, expected = PRINTED[fact]

@@ -91,6 +91,7 @@ def forced(train):
     return jaxhb.forced_response(train, rpm=np.linspace(600, 2450, 30))
 
 
+@pytest.mark.slow
 def test_results_print_as_one_short_line(train, forced):
     results = [
         train,
@@ -164,6 +165,7 @@ def cells(text):
     ]
 
 
+@pytest.mark.slow
 def test_tables_in_notebooks_have_the_numbers_of_the_response(forced):
     response = forced[3]
     rows = {row[0]: row for row in cells(response._repr_html_())}
@@ -182,6 +184,7 @@ def test_tables_in_notebooks_have_the_numbers_of_the_response(forced):
     assert "STALLED" in response_html(failed)
 
 
+@pytest.mark.slow
 def test_traced_results_print_without_their_numbers(train):
     def peak(damping):
         changed = train.replace({"crank damper.damping": damping})
@@ -194,6 +197,7 @@ def test_traced_results_print_without_their_numbers(train):
     jax.eval_shape(peak, 220.0)
 
 
+@pytest.mark.slow
 def test_a_status_prints_its_name(forced):
     assert f"{jaxhb.Status(3)} {jaxhb.Status.CONVERGED:>10}" == "MAX_STEPS  CONVERGED"
     assert jaxhb.Status(3) == 3
@@ -201,6 +205,7 @@ def test_a_status_prints_its_name(forced):
     assert forced.status_name.tolist() == ["CONVERGED"] * 30
 
 
+@pytest.mark.slow
 def test_arrays_of_a_train_cannot_be_changed_in_place(train):
     changed = train.replace({"hub.inertia": 0.5, "crank damper.damping": 300.0})
     trains = [
@@ -220,12 +225,14 @@ def test_arrays_of_a_train_cannot_be_changed_in_place(train):
     assert not disks.inertia.flags.writeable
 
 
+@pytest.mark.slow
 def test_parts_that_keys_of_programs_are_made_of_print_whole(train):
     other = dataclasses.replace(train.topology, teeth=(*train.topology.teeth[:-1], 99))
     assert repr(other) != repr(train.topology)
     assert len(repr(train.topology)) > 1000
 
 
+@pytest.mark.slow
 def test_samples_that_miss_the_peak_are_warned_of_with_a_count_that_does_not(forced):
     signal = forced[20].force("crank gear", "idler")
     with pytest.warns(
@@ -243,6 +250,7 @@ def test_samples_that_miss_the_peak_are_warned_of_with_a_count_that_does_not(for
         jax.jit(lambda s: s.samples(30))(signal)
 
 
+@pytest.mark.slow
 def test_a_response_that_has_lost_its_train_is_refused_with_a_sentence(forced):
     lost = jax.tree.map(np.asarray, forced[0])
     with pytest.raises(

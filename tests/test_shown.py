@@ -10,7 +10,7 @@ import shown
 
 SLOW = {"identify", "sweep", "solve"}
 """Commands that compile much: their output is compared with the tests marked
-"oracle".
+"slow".
 """
 SEARCHED = {"tune", "tolerance"}
 """Commands that search for minutes: ``python docs/shown.py --check`` alone compares
@@ -66,6 +66,7 @@ def names_of(page):
     return {block.command.split()[2] for block in shown.shown_on(page)}
 
 
+@pytest.mark.slow
 @newest_jax
 @pytest.mark.parametrize(
     "page",
@@ -76,7 +77,7 @@ def test_a_page_shows_what_its_quick_commands_print(page, tmp_path):
     compare(page, tmp_path, slow=False)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 @newest_jax
 @pytest.mark.parametrize(
     "page", [p for p in shown.pages() if names_of(p) & SLOW], ids=lambda p: p.stem
@@ -134,7 +135,7 @@ def test_pages_with_output_are_found():
     assert all(re.match(r"\$ jaxhb \w+ ", block.command) for block in blocks)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 @newest_jax
 def test_python_gives_the_numbers_that_the_readme_says_it_gives():
     """Compares each expression whose comment begins with a number; a derivative, which

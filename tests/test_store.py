@@ -92,6 +92,7 @@ def compiled(call):
     return sum(name.startswith("jit(double") for name in names) // 2, result
 
 
+@pytest.mark.slow
 def test_processes_share_a_folder_and_run_what_another_compiled_lapack_included(
     tmp_path,
 ):
@@ -104,6 +105,7 @@ def test_processes_share_a_folder_and_run_what_another_compiled_lapack_included(
     assert outcome(process(tmp_path)) == ["0", RESULT + "\n"]
 
 
+@pytest.mark.slow
 def test_a_new_version_keeps_its_programs_though_jax_kept_those_of_the_last(tmp_path):
     """A program out of jax's cache cannot be stored: every process would trace it
     again.
@@ -231,6 +233,7 @@ def test_half_written_files_of_killed_processes_are_removed_and_no_others(store)
     assert current.exists()
 
 
+@pytest.mark.slow
 def test_what_jax_keeps_beside_the_programs_is_within_the_limit_too(tmp_path):
     code = """if True:
         import sys, jax, jaxhb

@@ -16,7 +16,7 @@ from records import run_cases
 from jaxhb.linear import mesh_modes
 from jaxhb.solutions import planning
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 CASES = [
     *(((3, 1, 0), index) for index in (0, *range(2, 10))),

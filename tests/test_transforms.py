@@ -236,6 +236,7 @@ def test_every_public_verb_is_tried():
     assert verbs <= {*CALLS, *WITHOUT_NUMBERS, *FORMULAS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, call in CALLS.items() if call])
 def test_a_verb_traces_or_says_why_not_and_what_to_do(name):
     for way, transformed in WAYS.items():

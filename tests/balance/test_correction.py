@@ -64,6 +64,7 @@ def surrogate_of(problem, time_steps):
     )
 
 
+@pytest.mark.slow
 def test_a_long_train_without_any_damping_has_a_basis():
     """Its receptances are real: the imaginary columns of the basis are zero."""
     count = reduced_models.DISKS + 6
@@ -109,6 +110,7 @@ def coefficients(flat):
     return fourier.unpack(jnp.asarray(flat).reshape(2, -1))
 
 
+@pytest.mark.slow
 def test_correction_solves_the_jacobian_of_autodiff(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
@@ -125,6 +127,7 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     assert 0 < steps <= 30
 
 
+@pytest.mark.slow
 def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
     problem, reduced, l = case
 
@@ -140,6 +143,7 @@ def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
     np.testing.assert_allclose(coarse, fine, rtol=0, atol=RESIDUAL * np.abs(fine).max())
 
 
+@pytest.mark.slow
 def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
@@ -161,6 +165,7 @@ def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
     )
 
 
+@pytest.mark.slow
 def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
@@ -184,6 +189,7 @@ def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
     )
 
 
+@pytest.mark.slow
 def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_alone(
     case,
 ):
@@ -211,6 +217,7 @@ def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_al
     )
 
 
+@pytest.mark.slow
 def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     problem, reduced, l = case
     march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
@@ -228,6 +235,7 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     assert np.isfinite(both(60)).all()
 
 
+@pytest.mark.slow
 def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
     _, reduced, l = case
     matrix, _ = dense_jacobian(reduced, l)
@@ -246,6 +254,7 @@ def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
     assert error <= ALGEBRAIC * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
     """14 disks of which no motion decays within a cycle."""
     gears = {6: 0.05, 7: 0.05}
@@ -287,6 +296,7 @@ def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
     assert steps <= 28
 
 
+@pytest.mark.slow
 def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
     problem, _, _ = case
     problem = dataclasses.replace(
@@ -348,6 +358,7 @@ def receptance_of(train, frequency, harmonic):
     return train.residual_flexibility - L[:2] @ np.linalg.solve(rotation - A, E)
 
 
+@pytest.mark.slow
 def test_few_modes_stand_for_a_shaft_of_many_disks():
     problem, expected = sliced(150)
     train = surrogate_of(problem, 256)
@@ -360,6 +371,7 @@ def test_few_modes_stand_for_a_shaft_of_many_disks():
         assert error < 0.05 * np.abs(expected[harmonic]).max()
 
 
+@pytest.mark.slow
 def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     # Slices of 0.2 kg m^2: the mode of the meshes, at harmonic 12, is only the 36th
     problem, _ = sliced(150)
@@ -391,6 +403,7 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
         )
 
 
+@pytest.mark.slow
 def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(case):
     """A floating train with modes too fast for the steps: those that a cycle closes on
     are the first.
@@ -408,6 +421,7 @@ def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(cas
     assert (np.diff(decay[:count]) > 0).all()
 
 
+@pytest.mark.slow
 def test_resting_on_the_flank_balances_constant_forces(case):
     problem, _, _ = case
     model = surrogate_of(problem, 512)

@@ -15,7 +15,7 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 
 @cache

@@ -83,6 +83,7 @@ def batch():
     return jax.tree.map(np.asarray, batches)
 
 
+@pytest.mark.slow
 def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
     ((_, (status, deflection)), gradient, along), (_, alone, _) = batch
     gap = 0.5 * (1 - 0.3) * 1e-4
@@ -123,6 +124,7 @@ def test_the_error_of_a_gradient_is_its_change_with_twice_the_harmonics_or_nan()
     assert np.isnan(jax.tree.leaves(unknown)).all()
 
 
+@pytest.mark.slow
 def test_differences_of_values_under_a_plan_are_its_derivative_where_teeth_hammer():
     """Their law has kinks: derivatives are those of the forces that the equations
     balance, not of samples of slopes.

@@ -11,7 +11,7 @@ from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 KEYS = [
     "crank gear|idler.stiffness",

@@ -302,6 +302,7 @@ def test_random_motions_pass_through_all_parts_of_the_laws(case):
         assert (l[k] > gap + width).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_analytic_jacobian_is_that_of_autodiff(case):
     A, _, x = posed(case)
@@ -311,6 +312,7 @@ def test_the_analytic_jacobian_is_that_of_autodiff(case):
         close(jax.jacrev(A)(x), analytic, ALGEBRAIC)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TREES)
 def test_the_block_sweep_is_the_dense_solve_and_so_is_its_derivative(case):
     A, _, x = posed(case)
@@ -330,6 +332,7 @@ def test_the_block_sweep_is_the_dense_solve_and_so_is_its_derivative(case):
     close(moved, -np.linalg.solve(matrix, np.asarray(bent) @ expected), PATHS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", ["one damping always", "meshing", "springs", "viscous ring"]
 )
@@ -347,6 +350,7 @@ def test_solutions_make_it_zero(case):
     assert np.abs(residual).max() < PATHS * load
 
 
+@pytest.mark.slow
 def test_a_ring_that_dry_friction_turns_on_is_no_periodic_motion():
     """A(x) has the mean torque that nothing takes, 5 % of the dry friction, and the
     status tells it.
@@ -365,6 +369,7 @@ def test_a_ring_that_dry_friction_turns_on_is_no_periodic_motion():
     )
 
 
+@pytest.mark.slow
 def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_part():
     train = jaxhb.load_scene("spur_pair")
     A = jaxhb.harmonic_residual(train, rpm=7000.0, harmonics=32)
@@ -376,6 +381,7 @@ def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_p
     close(A.unpack(x) / A.radius[:, None], response.angles, PATHS)
 
 
+@pytest.mark.slow
 def test_the_method_of_the_chain_solves_a_grounded_train_with_a_viscous_ring():
     """The mean angle of the ring, which no force decides, is no unknown that a sweep
     divides by nothing for.
@@ -394,6 +400,7 @@ def test_the_method_of_the_chain_solves_a_grounded_train_with_a_viscous_ring():
     close(chain.angles[:, 1:], reduced.angles[:, 1:], PATHS)
 
 
+@pytest.mark.slow
 def test_numbers_and_speeds_are_traced_batched_and_differentiated():
     parts, rpm, harmonics, _ = CASES["viscous ring"]
     train = jaxhb.build(parts, revolutions_per_cycle=1, reference="a")

@@ -19,6 +19,7 @@ from jaxhb.train.changes import linearised
 RPM = 1000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["engine_with_damper", "inline_four_timing_drive", "spur_pair"]
 )

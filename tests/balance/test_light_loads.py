@@ -57,7 +57,7 @@ def pair(tmp_path_factory):
         (1e-3, 0.04, "reduced"),
         (1e-3, 0.04, "chain"),
         (0.0, 0.2, "reduced"),
-        pytest.param(0.0, 0.2, "chain", marks=pytest.mark.oracle),
+        pytest.param(0.0, 0.2, "chain", marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize("load", 10.0 ** np.arange(-12, 1))
@@ -187,6 +187,7 @@ def test_multipliers_of_teeth_that_stay_in_the_gap_are_those_of_its_spring(pair,
         assert np.abs(multipliers - expected).min() < 1e-5
 
 
+@pytest.mark.slow
 def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     train, *_ = light(pair, 1e-6)
     plan = jaxhb.plan(train, rpm=0.05, harmonics=16)
@@ -210,6 +211,7 @@ def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [1e-12, 1e-7])
 def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
     """Teeth in contact part where the vibration grows to the mean: ``c / (c - m w^2) =
@@ -223,7 +225,7 @@ def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
     np.testing.assert_allclose(boundary.rpm, [rpm], rtol=1e-6)
 
 
-@pytest.mark.oracle  # a branch has two programs of its own
+@pytest.mark.slow  # a branch has two programs of its own
 @pytest.mark.parametrize("load", [1e-12, 1e-7])
 def test_a_branch_over_the_stiffness_in_the_gap_keeps_the_forces_of_the_load(
     pair, load
@@ -237,6 +239,7 @@ def test_a_branch_over_the_stiffness_in_the_gap_keeps_the_forces_of_the_load(
     np.testing.assert_allclose(branch.smallest_force[:, 0], mean - vibration, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converged(
     pair,
 ):
@@ -255,6 +258,7 @@ def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converg
     assert response.status > Status.TOLERANCE_NOT_MET
 
 
+@pytest.mark.slow
 def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(pair):
     """A march from rest on the flank of a light load falls through the gap, where
     damping in contact ends, and swings there for ever.

@@ -104,6 +104,7 @@ def one_mass(**changes):
     return build(one_mass_parts(**(parameters() | changes)), reference="a")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harmonics", [1, 4, 8])
 def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
     _, expected = method_case(f"A4_hb_one_mass_N{harmonics}")
@@ -114,6 +115,7 @@ def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
     )
 
 
+@pytest.mark.slow
 def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
     harmonics = 8
     samples = 128
@@ -160,6 +162,7 @@ def pair():
     )
 
 
+@pytest.mark.slow
 def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
     assert pair.residual < RESIDUAL
     exact = complex_numbers(method_case("A4_hb_one_mass_N8")[1]["x"])

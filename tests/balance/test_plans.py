@@ -78,6 +78,7 @@ def lanes(pair, plan):
     return jax.tree.map(np.asarray, solved(rpm, numbers))
 
 
+@pytest.mark.slow
 def test_a_planned_solve_finds_the_motion_without_a_plan_and_under_jit_of_vmap(
     pair, plan, lanes
 ):
@@ -101,6 +102,7 @@ def test_a_planned_solve_finds_the_motion_without_a_plan_and_under_jit_of_vmap(
     np.testing.assert_allclose(lanes[1][:3], expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
     def traced_speed(rpm):
         return jaxhb.solve(pair, rpm=rpm).load_kW
@@ -121,6 +123,7 @@ def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
         jax.jit(lambda factor: factor * jaxhb.plan(pair, rpm=1000.0).harmonics)(2.0)
 
 
+@pytest.mark.slow
 def test_what_is_constant_is_checked_under_jit_too(pair, plan):
     @jax.jit
     def solved_backwards(damping):
@@ -141,6 +144,7 @@ def test_what_is_constant_is_checked_under_jit_too(pair, plan):
         jax.jit(lambda rpm: mean(rpm, few))(1500.0)
 
 
+@pytest.mark.slow
 def test_new_numbers_compile_nothing(pair, plan):
     jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
     before = executables(solve_problem)
@@ -151,6 +155,7 @@ def test_new_numbers_compile_nothing(pair, plan):
     assert executables(solve_problem) == before
 
 
+@pytest.mark.slow
 def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     contact = jaxhb.plan(pair, rpm=3000.0)
     assert contact.active == ()
@@ -162,6 +167,7 @@ def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     )
 
 
+@pytest.mark.slow
 def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(
     pair, monkeypatch
 ):
@@ -175,12 +181,14 @@ def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(
     assert int(retried.status) == jaxhb.Status.TOLERANCE_NOT_MET
 
 
+@pytest.mark.slow
 def test_an_unbalanced_floating_train_has_a_status(pair):
     plan = jaxhb.plan(pair, rpm=3000.0)
     response = jaxhb.solve(pair.replace({"drive.mean": 60.0}), rpm=3000.0, plan=plan)
     assert int(response.status) == jaxhb.Status.UNBALANCED
 
 
+@pytest.mark.slow
 def test_teeth_that_push_at_a_resonance_of_the_train_are_told_that_it_is_singular(
     pair, plan
 ):
@@ -193,6 +201,7 @@ def test_teeth_that_push_at_a_resonance_of_the_train_are_told_that_it_is_singula
     assert int(response.status) == jaxhb.Status.NEAR_SINGULAR
 
 
+@pytest.mark.slow
 def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
     """And not with those asked for, which may be a thousand."""
     before = executables(solve_problem)
@@ -202,6 +211,7 @@ def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
     assert plans[0].harmonics == 1024
 
 
+@pytest.mark.slow
 def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
     """Its periodicity error is not finite: it is not taken for a settled march."""
     case = case_of(pair, HAMMERING_RPM, harmonics=50)
@@ -219,6 +229,7 @@ def case_of(train, rpm, harmonics=None):
     return starts.Case(train, rpm, request, plan)
 
 
+@pytest.mark.slow
 def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pair):
     """Strategies that must fail come first here, and the last one is never asked."""
     case = case_of(pair, HAMMERING_RPM, harmonics=50)
@@ -260,6 +271,7 @@ def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
         jaxhb.solve(jaxhb.load_scene("gear_train_30"), **arguments)
 
 
+@pytest.mark.slow
 def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
     stranger = jaxhb.Plan(harmonics=16, active=(), flank=(0,))
     with pytest.raises(
@@ -268,6 +280,7 @@ def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
         jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=stranger)
 
 
+@pytest.mark.slow
 def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
     solve = partial(jaxhb.solve, pair, rpm=HAMMERING_RPM, plan=plan)
     for call in (
@@ -282,6 +295,7 @@ def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
         jaxhb.solve_speeds(pair, rpm=[HAMMERING_RPM], plan=plan, harmonics=50)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan, np.inf, 1.1e6])
 def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
     sentence = (
@@ -301,6 +315,7 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
         refused(partial(entry, pair, rpm=[3000.0, rpm]), sentence)
 
 
+@pytest.mark.slow
 def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
     """And a speed between; the motions are those of solves that decide for
     themselves.
@@ -325,6 +340,7 @@ def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
     assert parts == [False, False, True, True]
 
 
+@pytest.mark.slow
 def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
     alone = jaxhb.plan(pair, rpm=HAMMERING_RPM)
     together = jaxhb.plan(pair, rpm=[3000.0, HAMMERING_RPM])
@@ -334,6 +350,7 @@ def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
     assert jaxhb.plan(pair, rpm=[2000.0, 3000.0]).active == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -352,6 +369,7 @@ def test_a_range_that_cannot_be_planned_is_refused_with_a_sentence(
     refused(lambda: jaxhb.plan(pair, **arguments), sentence, ValueError)
 
 
+@pytest.mark.slow
 def test_a_range_without_a_motion_at_any_speed_is_not_planned(pair):
     """Nothing takes the mean torque, and no tooth parts: the status of a plan in
     contact counts, too.
@@ -364,6 +382,7 @@ def test_a_range_without_a_motion_at_any_speed_is_not_planned(pair):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failed", [0.0, np.nan])
 def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
     """At a speed that is none and at one whose Newton's method may take no step,
@@ -422,6 +441,7 @@ def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
         assert len({plan for plan in plans if plan.marches}) == most
 
 
+@pytest.mark.slow
 def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
     """Whatever its speeds do: those of Newton's method, one for each level of
     harmonics.
@@ -446,6 +466,7 @@ def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
         assert abs(largest - expected) <= tolerance * expected
 
 
+@pytest.mark.slow
 def test_a_linear_response_is_the_same_bits_among_few_and_one_motion_among_many():
     train = jaxhb.load_scene("six_cylinder_diesel")
     rpm = np.linspace(600.0, 2400.0, program.LINEAR_SPEEDS + 3)
@@ -466,6 +487,7 @@ def test_a_linear_response_is_the_same_bits_among_few_and_one_motion_among_many(
     assert largest < train.cylinders.pressure.size
 
 
+@pytest.mark.slow
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(
     pair,
 ):
@@ -485,6 +507,7 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     assert starts.first_solved(case, (starts.from_sweeps,)).response.converged
 
 
+@pytest.mark.slow
 def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
     silent = pair.replace(
         {"error a.harmonics": [[0.0, 0.0]], "error b.harmonics": [[0.0, 0.0]]}
@@ -520,7 +543,7 @@ def test_mean_torque_that_nothing_holds_has_a_status():
     assert int(jax.jit(solve)(0.0)) == jaxhb.Status.UNBALANCED
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
     train = build(pinions_parts(pump=300.0), reference="flywheel")
     plan = jaxhb.plan(train, rpm=1500.0, harmonics=192)
@@ -537,7 +560,7 @@ def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
         assert single.force(mesh).max == pytest.approx(expected, rel=1e-8)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     train = build(pinions_parts(pump=40.0), reference="flywheel")
     mesh = "crank gear|pump gear"
@@ -558,6 +581,7 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     assert response.force(mesh).max == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_numbers_that_are_invalid_have_a_status_under_jit(lanes):
     """Speed, and every kind of number that is checked where it is concrete; absent ones
     are 0 and valid.
@@ -569,6 +593,7 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(lanes):
     assert not_finite == jaxhb.Status.NONFINITE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [len(SPEEDS), -2], ids=["out of range", "not solved"])
 def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(
     place, pair, plan, lanes
@@ -628,6 +653,7 @@ def test_the_numbers_of_every_packaged_scene_are_within_their_ranges():
     assert all(bool(within(jaxhb.load_scene(scene))) for scene in jaxhb.scene_names())
 
 
+@pytest.mark.slow
 def test_a_response_is_a_clean_tree(pair, plan):
     """Arrays of the speed and nothing else: two responses of one plan are one
     structure, and nothing traces again.

@@ -24,6 +24,7 @@ def amplitude(response):
     return response.deflection(MESH).amplitudes[0] / HALF_GAP
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "row", [r for r in ROWS if r["sweep"] == "up"], ids=lambda r: f"Omega={r['Omega']}"
 )
@@ -40,6 +41,7 @@ def test_fundamental_amplitude_at_50_harmonics_is_the_exact_one(pair, row):
     assert separated == (row["regime"] != "linear (always in contact)")
 
 
+@pytest.mark.slow
 def test_a_solution_is_accepted_as_its_own_start(pair):
     """The two differ by what the residual may leave, 1e-10 of the backlash and the
     motion.
@@ -51,6 +53,7 @@ def test_a_solution_is_accepted_as_its_own_start(pair):
     assert np.allclose(again.deflections, first.deflections, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
     """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4
     (docs/theory A6).

@@ -182,6 +182,7 @@ def light_end():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "at_once"),
     [({}, False), ({"ground": False}, False), ({"more": light_end()}, True)],
@@ -199,11 +200,12 @@ def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
 
 FAST = ("damping in contact", "a gear without inertia", "a stage")
 KINDS = [
-    pytest.param(name, marks=() if name in FAST else pytest.mark.oracle)
+    pytest.param(name, marks=() if name in FAST else pytest.mark.slow)
     for name in TRAINS
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     """Within a few cycles, however long the train on its soft ground takes: some 150 of
@@ -223,7 +225,7 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     assert not apart[0].all()
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_newtons_method_finds_the_same_motion(hammering):
     """It takes the law at 16 samples a harmonic and sweeps at 6: kinks of the law make
     that 1e-5 here.
@@ -234,6 +236,7 @@ def test_newtons_method_finds_the_same_motion(hammering):
     assert distance(hammering, settled(hammering).deflection, newton) < 1e-4
 
 
+@pytest.mark.slow
 def test_the_motion_does_not_depend_on_the_steps_of_the_march(hammering):
     """The harmonics and samples are the same, but a march of twice the steps has
     another error.
@@ -263,7 +266,7 @@ class FinerMarch(SweepPlan):
         return SweepPlan(self.harmonics_of).samples
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_steps_err_by_their_square():
     """The difference of b from the linear motion is the error of the steps; under a law
     that is smooth in a wide zone.
@@ -277,6 +280,7 @@ def test_steps_err_by_their_square():
     np.testing.assert_allclose(orders, 2.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
     """Teeth in contact all cycle: whatever state a sweep begins with, b stays the
     linear motion to rounding.
@@ -306,6 +310,7 @@ def solved(case, tolerance):
     return outcome
 
 
+@pytest.mark.slow
 def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     """A looser tolerance is met; a finer one than 232 harmonics resolve is not; sweeps
     never settle to nothing.
@@ -322,6 +327,7 @@ def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     assert abs(missed.power_defect) < 1e-4
 
 
+@pytest.mark.slow
 def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_its_march(hammering):
     """Beside a march with four times the steps. An estimate, no bound, as sampling is
     not in it: a fifth more is allowed.
@@ -339,6 +345,7 @@ def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_its_march(hammeri
     assert error < 1.2 * coarse.truncation_error
 
 
+@pytest.mark.slow
 def test_mean_torques_that_nothing_takes_are_told():
     floating = case_of(pair(ground=False))
     load = np.array(floating.problem.load)
@@ -402,6 +409,7 @@ def test_a_motion_is_where_sweeps_from_it_stay(hammering):
     assert distance(hammering, following.linear, begin.linear) < 1e-4
 
 
+@pytest.mark.slow
 def test_padding_by_idle_meshes_changes_nothing(hammering):
     """Arrays have room for 1, 2, 4, ... meshes and 32, 64, ... modes."""
     train = hammering.train

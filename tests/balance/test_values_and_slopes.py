@@ -13,7 +13,7 @@ DAMPING = "viscous damper.damping"
 RPM = 2300.0
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says():
     train = jaxhb.load_scene("engine_with_damper")
     damping = float(train.value(DAMPING))
@@ -43,7 +43,7 @@ def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says()
     assert difference(1e-2)[0] == pytest.approx(-1819, abs=5.0)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_the_largest_sample_has_a_derivative_of_another_sign_than_the_smooth_peak():
     """Where teeth hammer."""
     train = jaxhb.load_scene("gear_train_30")

@@ -82,7 +82,7 @@ def dense_point(branch, number):
     )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 @pytest.mark.parametrize("longest", [0.1, 0.025])
 def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longest):
     """Published are extremes of sampled curves: within 1e-3, the last within 1.5e-3
@@ -101,6 +101,7 @@ def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longes
         assert abs(fold - w) < 1e-8 * w
 
 
+@pytest.mark.slow
 def test_every_change_of_stability_has_its_name():
     branch = chain(0.1)
     changes = np.flatnonzero(np.diff(branch.stable.astype(int)))
@@ -113,6 +114,7 @@ def test_every_change_of_stability_has_its_name():
     assert np.all(branch.stable == (np.abs(branch.multiplier) <= 1 + 1e-8))
 
 
+@pytest.mark.slow
 def test_a_branch_never_turns_back_on_itself():
     """Distance along the branch only grows: no point comes near one that is more than a
     few steps before it.
@@ -129,6 +131,7 @@ def test_a_branch_never_turns_back_on_itself():
     assert np.all(np.einsum("ij,ij->i", np.diff(y, axis=0), tangents[:-1]) > 0)
 
 
+@pytest.mark.slow
 def test_a_branch_is_resumed_from_any_of_its_points_forwards_and_backwards():
     branch = chain(0.1)
     middle = len(branch) // 2
@@ -183,6 +186,7 @@ def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path
         assert reversed_columns[name] == pytest.approx(values, rel=1e-6), name
 
 
+@pytest.mark.slow
 def test_a_number_of_the_train_is_followed_at_one_speed():
     """More drive closes the gap: the end of the branch is what a solve finds there."""
     train = chain_train(3)
@@ -205,6 +209,7 @@ def test_a_number_of_the_train_is_followed_at_one_speed():
     assert abs(deflection - branch.largest_deflection[-1, 0]) < 1e-7
 
 
+@pytest.mark.slow
 def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
     branch = chain(0.1)
     number = next(point.after for point in branch.special if point.kind == "fold")
@@ -241,7 +246,7 @@ def test_what_cannot_be_followed_is_refused_before_the_work():
         )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
     """The lightly loaded pair: extremes and multipliers of its stable points are those
     of event-exact motions.

@@ -40,6 +40,7 @@ def pair(mean, amplitude, varying=()):
     )
 
 
+@pytest.mark.slow
 def test_boundaries_over_the_mean_torque_are_a_closed_form():
     rpm = np.linspace(0.5, 1.5, 21) * NATURAL * 30 / np.pi
     means = [200.0, 400.0, 3000.0]
@@ -63,6 +64,7 @@ def test_boundaries_over_the_mean_torque_are_a_closed_form():
     assert not len(boundary.always)
 
 
+@pytest.mark.slow
 def test_marches_part_on_one_side_of_the_boundary_alone():
     train = pair(400.0, 60.0, varying=[(1, 0.25, 0.0)])
     unit = NATURAL * 30 / np.pi

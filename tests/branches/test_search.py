@@ -24,9 +24,7 @@ def reaches(motion):
     return np.array([float(deflection.max), float(deflection.min)])
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(0.8, marks=pytest.mark.oracle), 1.0]
-)
+@pytest.fixture(scope="module", params=[pytest.param(0.8, marks=pytest.mark.slow), 1.0])
 def searched(request):
     """Speed over the natural frequency, and the motions there: three of one cycle; one
     of one, two, three cycles.
@@ -36,6 +34,7 @@ def searched(request):
     return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
 
 
+@pytest.mark.slow
 def test_every_exact_motion_is_found_with_its_stability(searched):
     """0.2 %: the transition zone, and 0.1 % of truncation."""
     speed, motions = searched
@@ -61,6 +60,7 @@ def test_every_exact_motion_is_found_with_its_stability(searched):
         assert near[0].attracts == attracts, (period, expected)
 
 
+@pytest.mark.slow
 def test_no_motion_is_told_twice_and_those_that_attract_come_first(searched):
     _, motions = searched
     tops = [(m.period, *reaches(m).round(3)) for m in motions]

@@ -25,7 +25,7 @@ from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Kantorovich
 from jaxhb.train import chain
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 WITHIN = 1.6
 """A bound over the true error where the error is mostly that of the truncation, which

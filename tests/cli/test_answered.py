@@ -75,6 +75,7 @@ def test_a_motion_known_from_recorded_cycles_is_an_answer(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, told):
     called = told(

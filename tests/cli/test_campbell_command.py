@@ -82,6 +82,7 @@ def test_modal_torques_count_beside_those_of_their_mode_alone():
     assert counting(SimpleNamespace(critical=own)) == [own[0], own[2], own[3]]
 
 
+@pytest.mark.slow
 def test_the_modal_torques_of_every_misfire_are_those_of_its_train(told):
     call = f"campbell {SCENE} --rpm 1000:2600 --misfire"
     called = told(f"{call} each", "json", "csv")
@@ -100,6 +101,7 @@ def test_the_modal_torques_of_every_misfire_are_those_of_its_train(told):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "rpm"),
     [(SCENE, "700:1500"), (DATA / "scenes" / "slow_two_stroke.toml", "60:130")],

@@ -28,6 +28,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_scene_to_begin_with_is_written_and_has_nothing_to_note(here, run):
     assert (
         run("new 'my engine.toml'").out
@@ -77,6 +78,7 @@ def test_nothing_is_overwritten(here, run):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", jaxhb.scene_names())
 def test_there_is_nothing_to_note_on_a_packaged_scene_and_its_loads(name, told):
     assert told(f"check {name}", "json").json["notes"] == []
@@ -115,6 +117,7 @@ def test_check_tells_torques_tooth_forces_and_damping(run):
     assert "5 386.11 23167 4 0.0435 4 pulley +1.00" in text
 
 
+@pytest.mark.slow
 def test_check_takes_the_ends_of_what_the_scene_gives_over_the_speed(told):
     record, one = (
         told(f"check gear_train_30 {rpm}", "json").json for rpm in ("", "--rpm 1800")
@@ -125,6 +128,7 @@ def test_check_takes_the_ends_of_what_the_scene_gives_over_the_speed(told):
     assert one["mean_torque_Nm"]["load:load"] == pytest.approx([-2317], abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_load_that_drives_is_noted_with_its_torque_and_a_motor_given_as_a_load_is_not(
     here, run
 ):
@@ -160,6 +164,7 @@ def test_check_of_links_that_vary_says_what_it_lacks(here, run):
     )
 
 
+@pytest.mark.slow
 def test_check_tells_what_a_tuning_would_refuse(here, run):
     text = scene_text("first_scene")[0].replace(
         'of = "crank gear|pump gear"', 'of = "crank gear|pump"'

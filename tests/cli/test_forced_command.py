@@ -29,6 +29,7 @@ def answer(told):
     return told(CALL, "json", "csv", "plot")
 
 
+@pytest.mark.slow
 def test_the_json_holds_every_element_in_full_precision(answer, response):
     record = answer.json
     topology = response.topology
@@ -64,6 +65,7 @@ def test_the_json_holds_every_element_in_full_precision(answer, response):
     np.testing.assert_allclose(heat, record["input_power_W"], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_csv_has_one_row_for_each_speed_and_heads_of_its_own(answer, response):
     rows = answer.rows
     assert [float(row["rpm"]) for row in rows] == response.rpm.tolist()
@@ -80,6 +82,7 @@ def test_the_csv_has_one_row_for_each_speed_and_heads_of_its_own(answer, respons
     assert len(rows[0]) == 4 + sum(3 + len(one.listed()) for one in readings(response))
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_hardest_shaft_and_mesh_or_those_asked_for(
     answer, response
 ):
@@ -98,6 +101,7 @@ def test_the_picture_shows_the_hardest_shaft_and_mesh_or_those_asked_for(
         )
 
 
+@pytest.mark.slow
 def test_without_elements_the_table_tells_the_largest_values_of_all(response, answer):
     for title in (
         "angle of disks, deg",
@@ -115,6 +119,7 @@ def test_without_elements_the_table_tells_the_largest_values_of_all(response, an
     assert float(row[3]) == response.rpm[force.argmax()]
 
 
+@pytest.mark.slow
 def test_an_element_is_told_speed_by_speed_with_its_main_orders(response, told):
     said = told(f"{CALL} --element '{SHAFT}' --element flywheel").out
     table = said[said.index(SHAFT) :].split("\n\n")[0].splitlines()
@@ -201,6 +206,7 @@ NAMED = "cyl6|flywheel"
 RPM = np.linspace(1800.0, 2400.0, 4)
 
 
+@pytest.mark.slow
 def test_what_was_changed_is_told_below_the_tables_and_a_misfire_above_them_too(told):
     changed = told(
         f"{DIESEL} --rpm 1800:2400:4 --set pulley.inertia=0.02 --misfire 'cylinder 2'"
@@ -215,6 +221,7 @@ def test_what_was_changed_is_told_below_the_tables_and_a_misfire_above_them_too(
     assert "Asked with" not in said and said.startswith("six_cylinder_diesel: linear")
 
 
+@pytest.mark.slow
 def test_the_worst_of_all_misfires_is_that_of_python(told):
     called = told(f"{DIESEL} --rpm 1800:2400:4 --misfire each", "json", "csv", "plot")
     record = called.json
@@ -257,6 +264,7 @@ def test_the_worst_of_all_misfires_is_that_of_python(told):
     assert called.is_drawn
 
 
+@pytest.mark.slow
 def test_of_an_element_every_misfire_is_listed(told):
     said = told(
         f"{DIESEL} --rpm 1800:2400:4 --misfire each --element '{NAMED}' --element"
@@ -266,6 +274,7 @@ def test_of_an_element_every_misfire_is_listed(told):
     assert said.count("cylinder 4 not firing") == 2 and "cyl1|cyl2" not in said
 
 
+@pytest.mark.slow
 def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, run):
     gas = {
         "firing_angle": 0.0,
@@ -294,6 +303,7 @@ def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, run):
     )  # with both firing the torques of both disks cancel
 
 
+@pytest.mark.slow
 def test_the_worst_misfire_is_that_with_the_largest_share_of_a_limit(run, tmp_path):
     """Stress over its limit, which falls over the speed; without limits the largest
     torque, another cylinder's.

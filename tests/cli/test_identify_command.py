@@ -31,6 +31,7 @@ def written(folder, differences):
     return path
 
 
+@pytest.mark.slow
 def test_the_fitted_scene_loads_with_its_numbers_and_tolerances(
     measured, tmp_path, run
 ):
@@ -56,6 +57,7 @@ def test_the_fitted_scene_loads_with_its_numbers_and_tolerances(
     assert "cyl6|flywheel.stiffness" in called.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("burnt", [0.8, 0.0])
 def test_the_weak_cylinder_is_told_and_how_much_it_burns(tmp_path, run, burnt):
     """Less injection, down to a misfire: compression stays."""
@@ -71,6 +73,7 @@ def test_the_weak_cylinder_is_told_and_how_much_it_burns(tmp_path, run, burnt):
     assert called.json["explains"]
 
 
+@pytest.mark.slow
 def test_no_cylinder_is_blamed_for_what_another_number_of_the_scene_does(tmp_path, run):
     # All cylinders fire alike with twice the gas torque that the scene has: one alone
     # that differs explains nothing.

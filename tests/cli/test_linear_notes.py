@@ -9,6 +9,7 @@ import pytest
 RATTLE = Path(__file__).parents[1] / "data" / "scenes" / "idle_rattle.toml"
 
 
+@pytest.mark.slow
 def test_commands_take_the_stage_under_the_mean_and_say_so(run):
     """55.4 Hz and a clutch torque of order 2 of 3.11 N m with a drag of 40 N m; 10.1 Hz
     is the first stage.

@@ -60,6 +60,7 @@ def call(period):
     return f"solve spur_pair --rpm 6000 {changed} --certify", "json", "plot"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", SETTINGS)
 def test_the_kind_and_the_numbers_are_those_of_the_motion(period, answers, told):
     called = told(*call(period))
@@ -97,6 +98,7 @@ def test_the_kind_and_the_numbers_are_those_of_the_motion(period, answers, told)
     )
 
 
+@pytest.mark.slow
 def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(answers, told):
     called = told(*call(PERIODIC))
     found = jaxhb.stability(answers[PERIODIC].response)
@@ -111,6 +113,7 @@ def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(answers, 
     assert "(of 0.0625 revolutions); stable" in called.out
 
 
+@pytest.mark.slow
 def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers, told):
     called = told(*call(IRREGULAR))
     record = called.json
@@ -190,6 +193,7 @@ def test_a_sweep_both_ways_tells_hysteresis(told):
     assert called.is_drawn
 
 
+@pytest.mark.slow
 def test_a_periodic_solution_has_the_same_bits_alone_and_in_a_sweep():
     """One speed in contact, one with an unknown on a flank, two that hammer: of
     different plans.
@@ -216,7 +220,7 @@ def test_a_periodic_solution_has_the_same_bits_alone_and_in_a_sweep():
         )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_sweep_of_orbits_says_which_are_unstable(figures_of):
     """A lightly loaded pair, which does something else at the second speed."""
     train = jaxhb.load_scene("spur_pair").replace(
@@ -239,6 +243,7 @@ def test_a_sweep_of_orbits_says_which_are_unstable(figures_of):
     assert answer_one(train, 6000.0, Asked()).state.kind != "periodic"
 
 
+@pytest.mark.slow
 def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycles(
     answers, figures_of
 ):
@@ -273,6 +278,7 @@ def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycl
     )
 
 
+@pytest.mark.slow
 def test_pictures_of_an_irregular_motion_show_how_far_other_records_may_lie(
     answers, figures_of
 ):

@@ -24,6 +24,7 @@ def forced(told):
     }
 
 
+@pytest.mark.slow
 def test_files_of_all_modes_hold_what_each_alone_gives(forced):
     found = forced["all"]
     assert {called.status for called in forced.values()} == {0}
@@ -37,6 +38,7 @@ def test_files_of_all_modes_hold_what_each_alone_gives(forced):
         ] == [{k: v for k, v in row.items() if v} for row in forced[name].rows]
 
 
+@pytest.mark.slow
 def test_the_worst_of_every_quantity_is_named_with_its_mode_and_speed(forced):
     worst = forced["all"].json["worst"]
     head = "port clutch half peak-to-peak N m"
@@ -82,6 +84,7 @@ def test_chosen_modes_are_those_named_and_other_files_are_theirs(run, tmp_path):
     assert quiet.out.startswith('{"scenarios": ')
 
 
+@pytest.mark.slow
 def test_a_report_and_its_page_tell_every_mode(run, tmp_path):
     found = run(
         f"report {PLANT} --rpm 300,500 --scenario all --html {tmp_path}/page.html",
@@ -101,6 +104,7 @@ def test_a_report_and_its_page_tell_every_mode(run, tmp_path):
     assert found.json["worst"]["line torque half peak-to-peak N m"]["scenario"] in MODES
 
 
+@pytest.mark.slow
 def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
     line = f"phase {PLANT} --rpm 300,360 --of 'shaft torque of line'"
     found = run(line, "json", "csv")
@@ -130,6 +134,7 @@ def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
     assert float(told.split()[4]) == pytest.approx(worst["value"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_over_the_phase_in_every_mode(run, tmp_path):
     line = f"sweep {PLANT} --rpm 350 --over turn.angle=0:360:3 --scenario all"
     found = run(f"{line} --out {tmp_path}/kept", "csv", "json")
@@ -185,6 +190,7 @@ def fired(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_mode_without_the_cylinder_that_misfires_is_skipped_with_a_note(run, fired):
     called = run(
         f"forced {fired} --rpm 300 --scenario all --misfire 'starboard 1'", "json"
@@ -209,6 +215,7 @@ def test_a_mode_without_the_cylinder_that_misfires_is_skipped_with_a_note(run, f
     assert alone.status == 2 and "there is no cylinder 'starboard 1'" in alone.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [

@@ -59,8 +59,8 @@ COMMANDS = (
     ("hammering", "solve --rpm 4000", "plot"),
     ("hammering", "sweep --rpm 1500,4000 --scenario all", "plot"),
     ("hammering", "report --rpm 1500,4000 --misfire two", "html"),
-    pytest.param("hammering", "tune", "plot", marks=pytest.mark.oracle),
-    pytest.param("hammering", "tolerance --rpm 4000", "plot", marks=pytest.mark.oracle),
+    pytest.param("hammering", "tune", "plot", marks=pytest.mark.slow),
+    pytest.param("hammering", "tolerance --rpm 4000", "plot", marks=pytest.mark.slow),
     ("two engines", "check", ""),
     ("two engines", "modes", "plot"),
     ("two engines", "campbell --rpm 200:700", "plot"),
@@ -144,6 +144,7 @@ def write_measured(path, scene):
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("train", "command", "file"), COMMANDS)
 def test_what_people_read_does_not_depend_on_which_end_of_a_link_is_named_first(
     scenes, drawn, run, monkeypatch, tmp_path, train, command, file

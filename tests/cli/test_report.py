@@ -79,6 +79,7 @@ def test_a_scene_with_a_cylinder_that_does_not_fire_is_not_called_normal(run, sm
     )
 
 
+@pytest.mark.slow
 def test_solve_sweep_and_report_tell_the_same_numbers_to_the_last_bit(told):
     alone = told("solve spur_pair --rpm 5000", "json").json
     swept = told("sweep spur_pair --rpm 2000,5000 --full", "json").json["responses"][1]

@@ -74,6 +74,7 @@ def response():
     return jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=5000.0).response
 
 
+@pytest.mark.slow
 def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     assert (hammering.status, hammering.err) == (0, "")
     assert hammering.out.startswith(
@@ -107,6 +108,7 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     assert without["separated_fraction"] == 0 and 0 < without["max"] < mesh["max"]
 
 
+@pytest.mark.slow
 def test_the_numbers_of_the_file_are_those_of_python(hammering, response):
     force = response.force("gear a", "gear b")
     contact = response.mesh("gear a", "gear b")
@@ -133,6 +135,7 @@ def test_the_numbers_of_the_file_are_those_of_python(hammering, response):
     )
 
 
+@pytest.mark.slow
 def test_a_computed_bound_is_told_in_words_with_its_margins_and_written_as_from_python(
     hammering, response
 ):
@@ -183,6 +186,7 @@ def test_trains_without_teeth_have_a_computed_bound_too(told):
     assert "Computed bound: no mesh has backlash" in called.out
 
 
+@pytest.mark.slow
 def test_a_solve_that_does_not_converge_marks_its_tables_and_says_what_to_try(
     told, run, monkeypatch
 ):
@@ -240,6 +244,7 @@ def test_a_misfire_and_a_changed_number_are_those_of_python(told):
     assert record["not_firing"] == ["cylinder 3: no injection, compression stays"]
 
 
+@pytest.mark.slow
 def test_a_cylinder_that_is_cut_off_carries_nothing_and_one_that_misfires_pumps():
     mean, misfire, cut = (
         jaxhb.forced_response(train, rpm=1500.0).torque("cyl6", "flywheel").mean

@@ -168,6 +168,7 @@ def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
     )
 
 
+@pytest.mark.slow
 def test_names_that_a_terminal_cannot_encode_are_written_with_a_backslash(scene):
     scene.write_text(
         scene.read_text(encoding="utf-8").replace("gear a", "Zahnrad ä"),
@@ -280,6 +281,7 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orbit", ["", "--orbit"], ids=["steady", "orbit"])
 def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(
     orbit, run, cache, monkeypatch
@@ -407,6 +409,7 @@ def test_a_sweep_goes_over_a_number_of_the_scene(run):
     assert called.path("netcdf").read_bytes()[:3] == b"CDF" and called.is_drawn
 
 
+@pytest.mark.slow
 def test_a_trace_is_the_motion_over_the_crank_angle(run):
     called = run("solve spur_pair --rpm 5000", "trace")
     heads, *rows = called.path("trace").read_text().splitlines()

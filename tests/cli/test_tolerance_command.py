@@ -19,6 +19,7 @@ def scene(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_the_worst_case_is_told_and_written(scene, run):
     called = run(
         f"tolerance {scene} --rpm 900:1200:4 --samples 16",
@@ -78,6 +79,7 @@ def same(one, other):
             )
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_where_it_was_stopped_with_the_same_numbers(
     scene, tmp_path, monkeypatch
 ):
@@ -109,6 +111,7 @@ def test_a_search_goes_on_where_it_was_stopped_with_the_same_numbers(
     same(jaxhb.tolerance(train, rpm=rpm, **asked, out=tmp_path / "kept"), whole)
 
 
+@pytest.mark.slow
 def test_the_command_finds_what_the_function_finds_however_many_the_speeds(scene, run):
     """More than are solved together; and with other speeds that begin alike nothing of
     these comes back.
@@ -123,6 +126,7 @@ def test_the_command_finds_what_the_function_finds_however_many_the_speeds(scene
     )
 
 
+@pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_told_before_the_work_which_goes_on(
     scene, run, tmp_path, monkeypatch
 ):
@@ -141,6 +145,7 @@ def test_what_cannot_be_asked_is_refused_in_a_sentence(scene, run, line, sentenc
     assert called.status == 2 and sentence in called.err
 
 
+@pytest.mark.slow
 def test_the_page_of_a_report_has_the_worst_cases(scene, run, tmp_path):
     pytest.importorskip("plotly")
     page = tmp_path / "page.html"
@@ -158,6 +163,7 @@ def test_the_page_of_a_report_has_the_worst_cases(scene, run, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_no_share_of_a_limit_is_told_where_the_rule_has_none(tmp_path, run):
     """At 1.05 of the rated speed, 126 rpm, the rule ends: 140 rpm has a stress, but no
     limit.

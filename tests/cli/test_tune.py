@@ -42,6 +42,7 @@ def tune(scene, tmp_path, run):
     )
 
 
+@pytest.mark.slow
 def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, tune):
     called = tune("--set cyl2.damping=3", "plot")
     assert called.status == 0 and called.is_drawn
@@ -120,6 +121,7 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert lines[:2] == [f"+ # {scene}, tuned by jaxhb tune.", "+ "] and len(lines) == 8
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(
     tmp_path, tune, monkeypatch
 ):
@@ -179,6 +181,7 @@ def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(
         )
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
     train = jaxhb.load_scene(scene)
     asked = read_table(train)
@@ -210,6 +213,7 @@ def test_a_bad_table_is_told_and_nothing_is_written(
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_exceeded_is_told_and_a_folder_of_tables_is_made_beside_the_tuned_scene(
     scene, tmp_path, tune
 ):
@@ -241,7 +245,7 @@ def test_another_table_of_the_same_name_is_not_overwritten(tmp_path, tune):
     assert mine.read_text(encoding="utf-8") == "mine"
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
     """A lightly loaded pair: attracted to one cycle at 4000 rpm, irregular at 6000 rpm,
     where an orbit exists too.

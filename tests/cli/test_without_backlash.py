@@ -40,6 +40,7 @@ def closed(closed_scene):
     return jaxhb.steady_state(jaxhb.load_scene(closed_scene), rpm=RPM)
 
 
+@pytest.mark.slow
 def test_what_stands_beside_a_motion_is_that_of_the_scene_whose_meshes_have_no_backlash(
     run, closed
 ):
@@ -69,6 +70,7 @@ def test_what_stands_beside_a_motion_is_that_of_the_scene_whose_meshes_have_no_b
         )
 
 
+@pytest.mark.slow
 def test_a_scene_without_gaps_stands_beside_itself(closed_scene):
     answer = answer_one(jaxhb.load_scene(closed_scene), RPM, Asked())
     assert answer.without_backlash is answer
@@ -89,6 +91,7 @@ def pair(**gap):
     )
 
 
+@pytest.mark.slow
 def test_a_mesh_stiffness_that_varies_goes_on_doing_so_in_orbits_pictures_and_linear_responses():
     orbit = jaxhb.solve_speeds(pair(), rpm=[300.0])[0]
     most = np.abs(orbit.forces).max()

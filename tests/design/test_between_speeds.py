@@ -44,6 +44,7 @@ def of_diameter(outer):
     return TRAIN.replace({"shaft.outer": float(outer)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outer", [0.45, 0.46, 0.52, 0.585])
 def test_the_peak_between_the_speeds_is_that_of_a_fine_sweep(outer):
     train = of_diameter(outer)
@@ -98,6 +99,7 @@ def values_at(diameters, task, critical):
     return evaluator.at(z, near, aim).value
 
 
+@pytest.mark.slow
 def test_an_objective_that_follows_a_resonance_falls_wherever_its_peak_falls():
     """Without following, it rises and falls as the resonance passes the speeds of the
     tuning.
@@ -111,6 +113,7 @@ def test_an_objective_that_follows_a_resonance_falls_wherever_its_peak_falls():
     np.testing.assert_allclose(followed, peaks, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_penalty_counts_at_the_critical_speed_too():
     penalty = Penalty(quantity=STRESS.quantity, of="shaft", most=0.5, weight=100.0)
     nothing = Objective(
@@ -133,6 +136,7 @@ def tuned():
     return jaxhb.tune(TRAIN, parameters=[OUTER], rpm=RPM, objective=STRESS)
 
 
+@pytest.mark.slow
 def test_the_default_search_finds_a_design_that_keeps_its_limit_between_speeds(tuned):
     """A search at the speeds of the tuning alone ends beside the start, at 0.45 m,
     where the stress is 1.27 of its limit.
@@ -162,6 +166,7 @@ def table(parameter, objective, rpm, penalties=()):
     }
 
 
+@pytest.mark.slow
 def test_reports_of_limits_say_what_holds_between_the_speeds(tuned):
     settings = table(OUTER, STRESS, RPM)
     text = "\n\n".join(tuned_parts(TRAIN, settings, tuned))
@@ -204,6 +209,7 @@ def tooth_forces(train, rpm):
     return np.asarray(sweep.force("a|b").half_peak_to_peak)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alternating", [0.06, 0.1])
 def test_the_peak_of_parting_teeth_between_speeds_is_that_of_a_fine_scan(alternating):
     """And that of the steady state. It lies before a jump, 16 and 24 % below the
@@ -245,7 +251,7 @@ def tuned_pair(most, damping, steps=20):
     return result, "\n\n".join(tuned_parts(loose_pair(0.06), settings, result))
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_speeds():
     """The start is within the limit at the speeds of the tuning, where the force is at
     most 0.34, and 4 % beyond it between: less than what smooth values with p = 64 hide.
@@ -273,7 +279,7 @@ def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_s
     )
 
 
-@pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.oracle)])
+@pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_too(loose):
     train, parameter, objective, rpm, accuracy = (
         (loose_pair(0.06), DAMPING, TEETH, FEW, PARTING)
@@ -314,6 +320,7 @@ def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_too(loose):
     }
 
 
+@pytest.mark.slow
 def test_speeds_between_without_a_solution_are_told(tuned):
     settings = table(OUTER, STRESS, RPM)
     after = tuned.checked["after"]

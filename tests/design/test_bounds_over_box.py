@@ -106,6 +106,7 @@ def largest_of(rpm, share):
     return max(values.max(), -optimum.fun)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 def test_no_pair_of_disks_exceeds_the_bound_which_is_hardly_more_than_the_worst(share):
     # Below, at and above the resonance, and where the box holds it for some trains.
@@ -233,6 +234,7 @@ ASKED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "rpm"), [("six_cylinder_diesel", 1200.0), ("engine_with_damper", 1000.0)]
 )
@@ -285,6 +287,7 @@ def parting():
 FORCE = Objective(quantity="tooth force", of="a|b")
 
 
+@pytest.mark.slow
 def test_teeth_that_part_in_one_corner_leave_no_bound():
     train = parting()
     rpm = 38800.0
@@ -318,6 +321,7 @@ def test_teeth_that_part_in_one_corner_leave_no_bound():
     assert values.max() <= bound[0, 0] < 1.05 * values.max()
 
 
+@pytest.mark.slow
 def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
     tolerances = [Tolerance(name="a|b.stiffness", low=0.98e8, high=1.02e8)]
     result = jaxhb.tolerance(
@@ -346,6 +350,7 @@ def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
     assert np.isnan(rows[1]["bound"])
 
 
+@pytest.mark.slow
 def test_backlash_in_a_closed_loop_preloads_the_teeth():
     # Two meshes side by side: the more play in one, the more of the mean the other
     # carries.
@@ -408,6 +413,7 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
     assert more > 1.1 * less
 
 
+@pytest.mark.slow
 def test_what_cannot_be_bounded_says_why():
     train = parting()
     fraction = Objective(quantity="separated fraction", of="a|b")
@@ -445,6 +451,7 @@ def test_what_cannot_be_bounded_says_why():
     assert result.no_bound[0, 0] == "it was not asked for"
 
 
+@pytest.mark.slow
 def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
     # Without the search only the scene as it is, corners and a few others are known.
     monkeypatch.setattr(

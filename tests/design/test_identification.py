@@ -56,6 +56,7 @@ def true_torque(rpm):
     return torque_of(rpm, TRUE["a|b.stiffness"], TRUE["a|b.damping"], TRUE["b.inertia"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phases", [True, False])
 def test_the_numbers_of_a_closed_form_are_found_again(phases):
     fit = identify(pair(), rows(true_torque(RPM), phases), parameters=PARAMETERS)
@@ -66,6 +67,7 @@ def test_the_numbers_of_a_closed_form_are_found_again(phases):
     assert fit.train.value("b.inertia") == fit.values[2]
 
 
+@pytest.mark.slow
 def test_derivatives_of_residuals_are_those_of_differences():
     # One row with and one without a phase, and a prior.
     measured = rows(true_torque(RPM))
@@ -81,6 +83,7 @@ def test_derivatives_of_residuals_are_those_of_differences():
         )
 
 
+@pytest.mark.slow
 def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
     # 40 fits of 3 numbers: 114 of 120 inside on average, fewer than 104 once in 10,000
     # seeds.
@@ -96,6 +99,7 @@ def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
     assert np.sum(inside) >= 104
 
 
+@pytest.mark.slow
 def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
     # Far below resonance the amplitude is that of the rigid train: the stiffness has no
     # part in it.
@@ -121,6 +125,7 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
     assert with_prior.std[0] == pytest.approx(50.0, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phases", [True, False])
 def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
     train = jaxhb.load_scene("six_cylinder_diesel")
@@ -150,6 +155,7 @@ def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
     assert abs(weak.gas_factor[0] - 0.7) < 4 * weak.std[0]
 
 
+@pytest.mark.slow
 def test_a_file_is_read_with_comments_and_sums(tmp_path):
     path = tmp_path / "measured.csv"
     head = "# of a run\nrpm,order,element,quantity,amplitude,phase\n"

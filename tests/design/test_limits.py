@@ -28,6 +28,7 @@ ELEMENTS |= dict.fromkeys(
 )
 
 
+@pytest.mark.slow
 def test_exact_values_are_those_of_the_limits():
     response = jaxhb.forced_response(TRAIN, rpm=SPEEDS)
     limits = jaxhb.strength(response)
@@ -52,6 +53,7 @@ def test_exact_values_are_those_of_the_limits():
             assert exact[2] == 0  # the rule ends at 1.05 of the rated speed
 
 
+@pytest.mark.slow
 def test_the_gradient_of_limits_is_that_of_differences():
     @jax.jit
     @jax.value_and_grad
@@ -77,6 +79,7 @@ def test_the_gradient_of_limits_is_that_of_differences():
     assert total(0.0)[1] == pytest.approx(float(expected), rel=GRADIENT)
 
 
+@pytest.mark.slow
 def test_no_share_of_a_limit_is_told_where_the_rule_has_none():
     """A tuned design at and between its speeds: 1000 rpm lies above 1.05 of the rated
     speed.

@@ -48,6 +48,7 @@ IDLER = "idler"
 SCALABLE = ("angles", "torques", "deflections", "forces")
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(response):
     @jax.jit
     @jax.vmap
@@ -74,6 +75,7 @@ def test_derivatives_are_those_of_differences(response):
     np.testing.assert_allclose(slopes, (ahead - back) / (2 * step), rtol=GRADIENT)
 
 
+@pytest.mark.slow
 def test_smooth_half_peak_to_peak_keeps_its_bound(response):
     for p in (16, 64, 256):
         exact = float(response.force(CRANK, IDLER).half_peak_to_peak)
@@ -84,6 +86,7 @@ def test_smooth_half_peak_to_peak_keeps_its_bound(response):
         )
 
 
+@pytest.mark.slow
 def test_smoothed_contact_tends_to_what_the_contact_reports(response):
     contact = response.mesh(CRANK, IDLER)
     assert contact.impacts
@@ -96,6 +99,7 @@ def test_smoothed_contact_tends_to_what_the_contact_reports(response):
     )
 
 
+@pytest.mark.slow
 def test_failed_speeds_count_as_nothing_and_are_told(sweep):
     def sum_and_worst(factor):
         solved = sweep.forces.at[np.array([0, 1, 3])]
@@ -120,6 +124,7 @@ def test_failed_speeds_count_as_nothing_and_are_told(sweep):
     )
 
 
+@pytest.mark.slow
 def test_no_valid_speed_gives_zero_of_nothing(sweep):
     lost = dataclasses.replace(sweep, status=jnp.full(4, 3))
 
@@ -133,6 +138,7 @@ def test_no_valid_speed_gives_zero_of_nothing(sweep):
     assert [float(value) for value in values] == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_a_mesh_without_backlash_never_parts(response):
     rigid = dataclasses.replace(
         response,

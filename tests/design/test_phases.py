@@ -90,6 +90,7 @@ def built(port=(0.0, 360.0), *, backlash=None, phases=()):
 TURN = Phase(name="turn", of=("port", "pump"), angle=25.0)
 
 
+@pytest.mark.slow
 def test_a_phase_is_the_same_as_every_firing_angle_changed():
     train = built(phases=[dataclasses.replace(TURN, of=("port",))])
     by_phase = jaxhb.forced_response(train, rpm=RPM).torques
@@ -111,6 +112,7 @@ def test_a_phase_is_the_same_as_every_firing_angle_changed():
     )
 
 
+@pytest.mark.slow
 def test_the_angle_is_a_number_with_derivatives():
     train = built(phases=[TURN])
 
@@ -129,6 +131,7 @@ def test_the_angle_is_a_number_with_derivatives():
     assert abs(float(slope)) > 1.0
 
 
+@pytest.mark.slow
 def test_the_worst_phase_of_a_linear_train_is_that_of_all_phases_tried_out():
     train = built(phases=[TURN])
     of = [
@@ -180,6 +183,7 @@ def test_the_worst_phase_of_a_linear_train_is_that_of_all_phases_tried_out():
     )
 
 
+@pytest.mark.slow
 def test_a_long_cycle_is_turned_through_one_engine_cycle():
     """A cycle of five revolutions of the wheel holds five engine cycles, after each of
     which all repeats.
@@ -201,6 +205,7 @@ def test_a_long_cycle_is_turned_through_one_engine_cycle():
     np.testing.assert_allclose(result.angle, expected.angle, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_with_backlash_phases_are_solved_round_the_circle():
     """Under a heavy load the teeth stay in contact: the train without backlash is the
     second way.
@@ -225,6 +230,7 @@ def test_with_backlash_phases_are_solved_round_the_circle():
     assert loose.worst[0, 0] == pytest.approx(linear.worst[0, 0], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_no_share_of_a_stress_limit_is_told_above_the_range_of_its_rule():
     """1.05 of the rated speed: 241.5 rpm."""
 

@@ -45,6 +45,7 @@ def worst_cases():
     )
 
 
+@pytest.mark.slow
 def test_the_worst_case_is_that_of_the_closed_form(worst_cases):
     # The resonance is met inside the range at some speeds, at its end at others.
     stiffness = np.linspace(5.7e3, 7.7e3, 20001)
@@ -63,6 +64,7 @@ def test_the_worst_case_is_that_of_the_closed_form(worst_cases):
     np.testing.assert_allclose(worst_cases.worst[:, 0], torques, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_the_closed_form(worst_cases):
     step = 1e-4
     by_stiffness = (
@@ -77,6 +79,7 @@ def test_slopes_are_those_of_the_closed_form(worst_cases):
     np.testing.assert_allclose(worst_cases.slopes[:, 0], expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(worst_cases):
     assert worst_cases.drawn.shape == (40, 2)
     assert np.abs(worst_cases.drawn).max() <= 1.0
@@ -97,6 +100,7 @@ def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(worst_cases
     np.testing.assert_allclose(worst_cases.effects[:, 0], plane, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_normal_tolerances_are_sampled_normal_and_numbers_together_have_one_ratio():
     scene = {"a|b.stiffness": {"std": 300.0, "together": ["a.inertia"]}}
     sampled = jaxhb.tolerance(
@@ -110,6 +114,7 @@ def test_normal_tolerances_are_sampled_normal_and_numbers_together_have_one_rati
     assert worst["a.inertia"] == pytest.approx(worst["a|b.stiffness"] / 6.7e3)
 
 
+@pytest.mark.slow
 def test_teeth_that_hammer_are_worse_nowhere_on_a_grid():
     parts = [
         Disk(name="a", inertia=0.02, radius=0.05),
@@ -146,7 +151,7 @@ def test_teeth_that_hammer_are_worse_nowhere_on_a_grid():
     assert result.worst[0, 0] > 0.98 * max(grid)  # 64 harmonics
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corners():
     """Around this train the force rises with the stiffness of the rubber, and at its
     lower end is the worst case.
@@ -171,7 +176,7 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
     assert min(worst) > 0.98 * float(corner)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
     """Two resonances: corners lead to that with stiff rubber in the cam damper, 5 %
     lower than that inside.
@@ -279,6 +284,7 @@ ABSORBER_STIFFNESS = Tolerance(name="absorber.stiffness", low=720.0, high=1080.0
 ABSORBER_DAMPING = Parameter(name="absorber.damping", low=0.1, high=20.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["worst", "p95"])
 def test_a_robust_damper_is_better_within_the_tolerances_and_worse_without(kind):
     train = absorbed()
@@ -346,6 +352,7 @@ def test_what_cannot_be_robust_is_refused_in_a_sentence(sentence):
     assert sentence in str(caught.value)
 
 
+@pytest.mark.slow
 def test_speeds_without_a_solution_are_nan_and_not_an_error():
     # Nothing damps this resonance: at its speed there is no motion.
     parts = [
@@ -378,6 +385,7 @@ def test_speeds_without_a_solution_are_nan_and_not_an_error():
     assert result.worst[1, 0] > result.nominal[1, 0] > 0
 
 
+@pytest.mark.slow
 def test_a_stopped_robust_tuning_gives_the_best_design_so_far_and_ends_the_search():
     seen: list = []
 

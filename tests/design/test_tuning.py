@@ -41,7 +41,7 @@ def optimum(case):
     return entry["mu"], exact["f"], exact["zeta"], exact["peak"], speeds
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "stiffer", "stronger"),
     [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)],
@@ -154,6 +154,7 @@ def assessed():
         return evaluator, evaluator.at(z, evaluator.unsolved(z), all_speeds, rescues=4)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
     evaluator, point = assessed
     along = np.array([0.6, -0.5, 0.8])
@@ -175,6 +176,7 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
     assert readings["natural frequency"][0] < 180.0
 
 
+@pytest.mark.slow
 def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
     evaluator, point = assessed
     solved = point.solved
@@ -197,6 +199,7 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
     )
 
 
+@pytest.mark.slow
 def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     evaluator, point = assessed
     numbers, _ = evaluator.numbers_of(point.z, point.speeds)
@@ -277,7 +280,7 @@ def assert_solves_tell_the_same(tuning):
     assert np.ptp(near) < 0.02 * near.max()
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     tuning = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"
@@ -305,7 +308,7 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     assert_solves_tell_the_same(tuning)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 @pytest.mark.parametrize("found_again", [True, False])
 def test_a_tuning_goes_on_after_it_lost_a_speed(same_plan, monkeypatch, found_again):
     """Every solve at 1500 rpm fails after the first step, until other starts were tried
@@ -405,6 +408,7 @@ def test_an_optax_transformation_makes_the_steps_that_its_name_makes():
     np.testing.assert_allclose(transformed.z, named.z, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
     tmp_path, monkeypatch
 ):

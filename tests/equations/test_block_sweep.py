@@ -69,6 +69,7 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
             assert relative_error(actual, expected) < ALGEBRAIC
 
 
+@pytest.mark.slow
 def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
     draw = np.random.default_rng(200)
     size = 7

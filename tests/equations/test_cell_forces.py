@@ -60,6 +60,7 @@ def error(actual, expected):
     return float(np.abs(actual - expected).max() / np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_forces_and_slopes_tend_to_the_exact_integrals_with_the_cells(motion):
     exact = equation(LAW, integrals="exact")
     expected = jax.jit(lambda: exact.nonlinear_force_coefficients(motion, 0))()
@@ -78,6 +79,7 @@ def test_forces_and_slopes_tend_to_the_exact_integrals_with_the_cells(motion):
         assert np.log2(decay[0] / decay[-1]) / 2 > 1.5, decay
 
 
+@pytest.mark.slow
 def test_cells_beat_samples_eight_times_as_fine(motion):
     exact = equation(LAW, integrals="exact")
     sampled = equation(LAW)

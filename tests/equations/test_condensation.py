@@ -73,6 +73,7 @@ def test_receptances_are_those_of_the_dense_train_in_angles(case):
         )
 
 
+@pytest.mark.slow
 def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
     parts, _, few, _, _ = case
     harmonics = 2 * condensation.CHUNK + 20
@@ -121,6 +122,7 @@ def sliced_parts():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [sliced_parts, lambda: gearbox_parts(grounded=False)])
 def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
     parts = parts()
@@ -167,6 +169,7 @@ def test_reduced_and_full_residual_are_the_same_equation(case):
     assert_same_equation(problem, reduced, condensed, l)
 
 
+@pytest.mark.slow
 def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_a_loop(
     case,
 ):

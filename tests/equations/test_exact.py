@@ -169,6 +169,7 @@ def packed(law, viscous, l):
     )
 
 
+@pytest.mark.slow
 def test_first_and_second_derivatives_are_those_of_differences():
     """In deflections, stiffness, epsilon, transition, backlash and damping;
     fourth-order differences: 1e-9 at worst.
@@ -192,6 +193,7 @@ def test_first_and_second_derivatives_are_those_of_differences():
     )
 
 
+@pytest.mark.slow
 def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage():
     law, viscous, l = motion(3)
     thetas = []

@@ -198,6 +198,7 @@ def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
     close(torque(by_work.misfire("c"), 1500.0), compressing)
 
 
+@pytest.mark.slow
 def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
     train = pair(
         cylinder("one", pressure=trace(8e6), ambient_pressure=1e5),
@@ -361,6 +362,7 @@ def slopes_agree(train, numbers, rpm):
     np.testing.assert_allclose(slope, (above - below) / 2, rtol=GRADIENT)
 
 
+@pytest.mark.slow
 def test_derivatives_to_the_numbers_of_a_combustion():
     steps = {
         "combustion.compression_ratio": 1e-3,

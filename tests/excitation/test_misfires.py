@@ -191,6 +191,7 @@ def test_the_injection_leads_from_the_misfire_to_the_cycle_as_it_is():
     np.testing.assert_array_equal(torque(written), idle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["bore", "stroke", "rod", "pressure", "combustion.compression_ratio", "injection"],

@@ -45,13 +45,14 @@ def error_of_trace(harmonics):
     return abs(np.sum(multipliers) - float(expected["monodromy_trace"]))
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_multipliers_converge_to_those_of_the_true_periodic_motion():
     """Fourth order, as the largest error of the motion does."""
     assert error_of_trace(128) < 2e-7
     assert np.log2(error_of_trace(32) / error_of_trace(128)) / 2 > 3
 
 
+@pytest.mark.slow
 def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     """Each speed starts from its neighbour, or is marched where the branch ends. Moduli
     are those of a damped mass whatever the transition of the law is; the motion is off
@@ -107,6 +108,7 @@ def test_a_train_that_floats_has_a_double_root_of_one():
     )
 
 
+@pytest.mark.slow
 def test_a_floating_pair_on_a_varying_stiffness_has_two_roots_of_its_rotation():
     """Above a parametric resonance the largest multiplier of the teeth is -1.02, and
     the product of both is the loss by damping in a cycle.
@@ -155,6 +157,7 @@ def rattling():
     return response
 
 
+@pytest.mark.slow
 def test_the_rotation_against_a_soft_ground_is_labelled():
     """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a
     quarter of their share.
@@ -168,6 +171,7 @@ def test_the_rotation_against_a_soft_ground_is_labelled():
     )
 
 
+@pytest.mark.slow
 def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
     response = rattling()
     deflections = np.zeros((1, 2 * response.harmonics + 1), dtype=complex)

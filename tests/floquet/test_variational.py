@@ -110,6 +110,7 @@ def three_disks(damping_law):
     return train.replace({"pinion|wheel.damping_law": damping_law})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping_law", ["contact", "always"])
 def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_law):
     """Central differences over one cycle of the reference integration, from the motion

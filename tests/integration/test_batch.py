@@ -86,6 +86,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("count", [1, 16])
 def test_a_batch_marches_as_the_dense_integration_does(name, count):

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from integrated_trains import one_mass
 from reference_data import method_case, reference
 
@@ -56,6 +57,7 @@ def exact(steps):
     return np.abs(np.array(numbers) - [float(expected[key]) for key in keys])
 
 
+@pytest.mark.slow
 def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_three():
     errors = exact(4096)
     assert errors[:2].max() < 2e-9
@@ -64,6 +66,7 @@ def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_thre
     assert np.log2(exact(256)[:2] / errors[:2]).min() / 4 > 2.7
 
 
+@pytest.mark.slow
 def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transition():
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     rows = [row for row in rows if row["Omega"] in (0.8, 0.9, 1.1, 1.3)]

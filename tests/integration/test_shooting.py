@@ -4,6 +4,7 @@ import dataclasses
 
 import jax
 import numpy as np
+import pytest
 from tolerances import PATHS
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build
 
@@ -37,6 +38,7 @@ def both_ways(stepper, state):
     )
 
 
+@pytest.mark.slow
 def test_segments_in_a_row_are_the_cycle():
     stepped = stepper()
     nodes, end, deflection, pieced, (gap, slope), whole = both_ways(
@@ -52,6 +54,7 @@ def test_segments_in_a_row_are_the_cycle():
     np.testing.assert_allclose(product, whole, atol=PATHS * np.abs(whole).max())
 
 
+@pytest.mark.slow
 def test_room_for_more_steps_changes_nothing():
     roomy = stepper()
     steps = int(roomy.count)
@@ -71,6 +74,7 @@ def test_room_for_more_steps_changes_nothing():
         )
 
 
+@pytest.mark.slow
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
     stepped = stepper()
     stretch = 1 + 1e-3 * np.arange(shooting.SEGMENTS)[:, None]
@@ -97,6 +101,7 @@ def test_a_correction_solves_the_linearised_equations():
     np.testing.assert_allclose(left, -gap, atol=PATHS * np.abs(change).max())
 
 
+@pytest.mark.slow
 def test_what_moves_nothing_is_left_out():
     """Free rotation and its undamped rate, and a mode forty times too fast for the
     steps, which answers statically.

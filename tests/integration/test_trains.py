@@ -87,6 +87,7 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
     return columns.T @ out.y[:disks]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["contact", "always"])
 def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
     posed_train = posed(pair(damping_law=law), HAMMERING_RPM)
@@ -122,6 +123,7 @@ def test_teeth_that_stay_on_their_flank_start_on_the_periodic_motion(ground):
     assert trace.periodicity_error < 1e-9
 
 
+@pytest.mark.slow
 def test_a_floating_train_is_the_limit_of_a_soft_ground():
     traces = {}
     for ground in (10.0, 0.1, 0.0):
@@ -178,6 +180,7 @@ def massless_pair(inertia, damping, grounded=True):
     return build(parts, revolutions_per_cycle=1, reference="gear a", name="massless")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_a_massless_disk_is_the_limit_of_a_light_one(damping):
     traces = []
@@ -200,6 +203,7 @@ def floating():
     return solve(massless_pair(0.0, 3.0, grounded=False), rpm=2000.0, harmonics=96)
 
 
+@pytest.mark.slow
 def test_a_floating_train_with_a_damped_massless_disk_is_closed(floating):
     """Its free rotation is no coordinate of its own: the equations that close the cycle
     are singular.
@@ -233,6 +237,7 @@ SHOTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("outcomes", "error", "steps"), SHOTS)
 def test_only_more_steps_that_close_overrule_a_correction_beside_the_estimate(
     monkeypatch, floating, outcomes, error, steps
@@ -314,6 +319,7 @@ def test_steps_follow_the_highest_mesh_mode():
     assert abs(steps - 40 * 4333.1 / 15) < 0.01 * steps
 
 
+@pytest.mark.slow
 def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
     stepper = stepper_of(posed(pair(), HAMMERING_RPM), 3000)
     state, _ = run(stepper, stepper.flank_state, 5)

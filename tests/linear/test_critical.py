@@ -100,6 +100,7 @@ def engine(stroke_cycle):
     yield jaxhb.Load(disk="wheel")
 
 
+@pytest.mark.slow
 def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
     firing = jaxhb.build([*engine(stroke_cycle=2)], revolutions_per_cycle=1)
     misfire = firing.misfires()["cylinder 2"]

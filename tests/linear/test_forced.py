@@ -60,6 +60,7 @@ def ends_of(part):
     return (part.disk, part.name) if isinstance(part, Damper) else part.between
 
 
+@pytest.mark.slow
 def test_few_speeds_more_or_less_compile_nothing_and_change_no_bit(case):
     _, train, response = case
     before = executables(forced._respond)
@@ -71,6 +72,7 @@ def test_few_speeds_more_or_less_compile_nothing_and_change_no_bit(case):
         np.testing.assert_array_equal(some, every[:3])
 
 
+@pytest.mark.slow
 def test_amplitudes_are_those_of_dense_matrices(case):
     parts, train, response = case
     torques = dense.torques(parts, response.harmonics, 2)
@@ -111,6 +113,7 @@ def test_amplitudes_are_those_of_dense_matrices(case):
             )
 
 
+@pytest.mark.slow
 def test_power_is_the_mean_of_torque_times_speed_and_that_of_the_torques(case):
     parts, train, response = case
     heat = response.disk_power.sum(-1) + response.link_power.sum(-1)
@@ -159,6 +162,7 @@ def test_it_is_the_periodic_response_of_the_same_train():
     assert response.residual.max() < 1e-11
 
 
+@pytest.mark.slow
 def test_speeds_beyond_a_group_are_those_of_one_by_one():
     train = jaxhb.load_scene("six_cylinder_diesel")
     # 24 half orders: groups of 19, the last one padded.
@@ -254,6 +258,7 @@ def test_a_resonance_that_no_torque_excites_changes_nothing():
     assert not response.angles[:, 2].any()
 
 
+@pytest.mark.slow
 def test_mean_torques_that_nothing_takes_are_unbalanced():
     train = build(
         [
@@ -275,6 +280,7 @@ def test_mean_torques_that_nothing_takes_are_unbalanced():
     assert jax.jit(status)(4.0) == Status.UNBALANCED
 
 
+@pytest.mark.slow
 def test_teeth_with_backlash_count_as_in_contact():
     parts = gearbox_parts()
     loose_parts = [
@@ -315,6 +321,7 @@ KEYS = [
 ]
 
 
+@pytest.mark.slow
 def test_derivatives_of_amplitudes_and_powers_are_those_of_differences():
     train = build(linear_parts(gearbox_parts()), reference="motor", cycle=2)
 

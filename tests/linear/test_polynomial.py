@@ -51,6 +51,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [case for case in CASES if case != "ring"])
 def test_values_are_the_dense_determinants(case):
     parts, reference = CASES[case]
@@ -100,6 +101,7 @@ def test_values_of_a_hundred_links_keep_twelve_digits_beside_roots_too():
         )
 
 
+@pytest.mark.slow
 def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
     # A uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the
     # square of the distance.
@@ -123,6 +125,7 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
         np.testing.assert_allclose(number, float(2 * now - 2), rtol=ALGEBRAIC, atol=0)
 
 
+@pytest.mark.slow
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
     # A uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x,
     # 2 cosh u = x - 2.
@@ -139,6 +142,7 @@ def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
     assert not np.isfinite(value.value()).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "a", "b"),
     [
@@ -160,6 +164,7 @@ def test_frequency_responses_are_the_dense_inverse(case, a, b):
     np.testing.assert_allclose(response, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_case_c_damped_approximation_and_its_error():
     params, expected = method_case("C_damped_approximation")
     inertia = 1 / numbers(params["Delta"])
@@ -187,7 +192,7 @@ def test_case_c_damped_approximation_and_its_error():
     )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_values_responses_and_errors_have_the_derivatives_of_differences():
     keys = [
         "1|5.stiffness",
@@ -214,6 +219,7 @@ def test_values_responses_and_errors_have_the_derivatives_of_differences():
     )
 
 
+@pytest.mark.slow
 def test_derivatives_beside_a_root_are_those_of_two_disks():
     # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at
     # p = i omega.

@@ -58,6 +58,7 @@ def deviation(sweep, curve, quantity):
     return relative, torque.max() / published.max() - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", CURVES)
 def test_published_torque_curves_are_sums_of_harmonic_amplitudes(sweep, curve):
     relative, peak = deviation(sweep, curve, "sum_of_amplitudes")
@@ -67,6 +68,7 @@ def test_published_torque_curves_are_sums_of_harmonic_amplitudes(sweep, curve):
     assert abs(np.median(np.abs(relative)) - recorded) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", CURVES)
 def test_synthesised_half_peak_to_peak_lies_a_third_below_the_published_curves(
     sweep, curve
@@ -76,6 +78,7 @@ def test_synthesised_half_peak_to_peak_lies_a_third_below_the_published_curves(
     assert (relative < 0).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_recomputed_curves_of_all_shafts_to_their_digits(mirrored):
     table = DATA["computed_exact_orders"]
     for k, shaft in enumerate(shafts(mirrored)):
@@ -87,6 +90,7 @@ def test_recomputed_curves_of_all_shafts_to_their_digits(mirrored):
         np.testing.assert_allclose(shaft.half_peak_to_peak, half, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_sense_of_the_firing_angles_moves_inner_shafts_only(sweep):
     table = np.array(DATA["computed_exact_orders"]["sum_abs_Nm_by_shaft"])
     sums = np.array([shaft.sum_of_amplitudes for shaft in shafts(sweep)])

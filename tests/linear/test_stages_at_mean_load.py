@@ -50,6 +50,7 @@ def hertz(stiffness):
     return np.sqrt(stiffness * sum(1 / inertia for inertia in INERTIA)) / (2 * np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mean", "stiffness"), [(0.5, FIRST), (30.0, SECOND), (-30.0, SECOND), (0.0, FIRST)]
 )
@@ -81,6 +82,7 @@ def test_every_linear_calculation_takes_the_stage_that_carries_the_mean(
     assert complex(response) == pytest.approx(expected, rel=PATHS)
 
 
+@pytest.mark.slow
 def test_small_vibrations_about_the_mean_are_those_of_the_motion_with_stages():
     train = clutch()
     motion = jaxhb.solve(train, rpm=900.0, harmonics=8)
@@ -109,6 +111,7 @@ def test_stops_count_on_their_side_and_clearances_as_closed():
     assert load.link_stiffness == pytest.approx([1e-3 * FIRST], rel=PATHS)
 
 
+@pytest.mark.slow
 def test_a_mean_torque_that_grows_with_the_speed_changes_the_stage_over_it():
     train = clutch(scale=[(500.0, 0.01), (3000.0, 1.0)])
     diagram = jaxhb.campbell(train, rpm=[500.0, 3000.0], orders=[2.0])
@@ -125,6 +128,7 @@ def test_a_mean_torque_that_grows_with_the_speed_changes_the_stage_over_it():
     assert jaxhb.all_frequencies(train)[1] == pytest.approx(hertz(SECOND), rel=PATHS)
 
 
+@pytest.mark.slow
 def test_the_stiffness_at_the_mean_load_has_derivatives():
     train = clutch()
 
@@ -161,6 +165,7 @@ def test_approximations_are_told_with_their_elements():
     assert "no load balances" in " ".join(approximations(unloaded))
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_a_staged_link_is_not_fitted():
     train = clutch()
     rpm = np.array([600.0, 900.0])

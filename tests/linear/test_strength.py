@@ -131,6 +131,7 @@ def test_bounds_of_barred_ranges_lie_where_the_interpolated_stress_meets_the_lim
     assert all(barred.passable for barred in passable)
 
 
+@pytest.mark.slow
 def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
     limits = jaxhb.strength(response)
     coupling = response.torque("coupling")
@@ -171,6 +172,7 @@ def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
     )
 
 
+@pytest.mark.slow
 def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
     parts = [Disk(name=name, inertia=1.0) for name in "abc"]
     parts += [
@@ -195,6 +197,7 @@ def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_mor
     assert train.dampers.power_limit is None
 
 
+@pytest.mark.slow
 def test_a_response_without_a_train_needs_one(response):
     train = geared()
     bare = jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm))(RPM)
@@ -220,6 +223,7 @@ def test_above_the_rule_the_share_and_its_derivative_are_0():
     assert not np.any(jax.jacrev(shares, (0, 1))(1.1, 0.5))
 
 
+@pytest.mark.slow
 def test_a_steady_state_is_judged_as_the_motion_that_it_is(response):
     state = jaxhb.steady_state(geared(), rpm=RPM[4])
     limits = jaxhb.strength(state)

@@ -72,6 +72,7 @@ def test_the_natural_frequency_at_mean_load_is_that_of_the_slope():
     assert hz == pytest.approx(omega / (2 * math.pi), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_mean_tooth_forces_of_a_train_without_loops_do_not_depend_on_the_law():
     train = jaxhb.load_scene("engine_with_damper")
     load = at_mean_load(train, rpm=1200.0)

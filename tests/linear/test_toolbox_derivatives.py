@@ -14,7 +14,7 @@ from tolerances import GRADIENT
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 ORDER = 3.0
 HZ = 31.0

@@ -197,6 +197,7 @@ def strengths():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [47.25, 95.0])
 def test_shares_of_the_limits_are_those_of_the_twin(strengths, cycles, rpm):
     twins = (
@@ -213,6 +214,7 @@ def test_shares_of_the_limits_are_those_of_the_twin(strengths, cycles, rpm):
             np.testing.assert_allclose((continuous, transient), expected, rtol=5e-4)
 
 
+@pytest.mark.slow
 def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(
     strengths, cycles
 ):
@@ -238,6 +240,7 @@ def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(
     assert not misfire.open_above
 
 
+@pytest.mark.slow
 def test_compression_at_low_speed_is_not_that_of_full_load(strengths, cycles):
     """All cylinders fire: 0.62 of the limit at 47 rpm, where the charge of full load
     would break the transient limit.

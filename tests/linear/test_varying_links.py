@@ -84,6 +84,7 @@ def dense_angles(elements, train, rpm, alter):
     return np.array(columns).T
 
 
+@pytest.mark.slow
 def test_links_over_frequency_are_evaluated_at_every_harmonic():
     elements = parts(over_hz=OVER_HZ)
     train = train_of(over_hz=OVER_HZ)
@@ -119,6 +120,7 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
     np.testing.assert_allclose(heat, response.input_power, rtol=BALANCE)
 
 
+@pytest.mark.slow
 def test_an_absorber_adds_inertia_times_square_of_order_and_speed():
     train = train_of(order=1.5)
     rpm = 800.0
@@ -137,6 +139,7 @@ def equivalent(signal):
     return np.sqrt((signal.amplitudes**2).sum(-1))
 
 
+@pytest.mark.slow
 def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead_to():
     rpm = np.linspace(200.0, 3000.0, 57)
     level, *factors = np.array(OVER_AMPLITUDE).T
@@ -178,7 +181,7 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
     np.testing.assert_allclose(heat, response.input_power, rtol=BALANCE)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
     # The number of steps has it compiled anew.
@@ -201,7 +204,7 @@ KEYS = [
 ]
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_derivatives_of_varying_links_are_those_of_differences():
     train = train_of(over_hz=OVER_HZ, over_amplitude=OVER_AMPLITUDE, order=1.6)
 

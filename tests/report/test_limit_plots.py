@@ -54,6 +54,7 @@ def assert_line(figure, name, expected):
     )
 
 
+@pytest.mark.slow
 def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path):
     (tmp_path / "e.toml").write_text(SCENE + ENGINE)
     rpm = np.linspace(300.0, 900.0, 7)
@@ -132,6 +133,7 @@ def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     assert figures[2].layout["shapes"]
 
 
+@pytest.mark.slow
 def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
     (tmp_path / "line.toml").write_text(
         SCENE.replace("stress_concentration = 0.45", 'rule = "KR generator shaft"')

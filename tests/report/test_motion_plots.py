@@ -72,6 +72,7 @@ def peaks(state):
     return np.maximum(signal.highest, -signal.lowest) / 1e3
 
 
+@pytest.mark.slow
 def test_every_motion_is_marked_by_its_kind_its_period_and_the_range_of_its_cycles(
     sweep,
 ):
@@ -100,6 +101,7 @@ def test_every_motion_is_marked_by_its_kind_its_period_and_the_range_of_its_cycl
     )
 
 
+@pytest.mark.slow
 def test_motions_upwards_are_filled_and_downwards_hollow_on_the_branch_that_has_both(
     loaded,
 ):
@@ -120,6 +122,7 @@ def test_motions_upwards_are_filled_and_downwards_hollow_on_the_branch_that_has_
     assert len(lines(axes, marker="D")[0][0]) == len(branch.folds) == 2
 
 
+@pytest.mark.slow
 def test_a_bifurcation_diagram_has_as_many_points_a_speed_as_the_motion_has_cycles(
     sweep,
 ):
@@ -137,6 +140,7 @@ def test_a_bifurcation_diagram_has_as_many_points_a_speed_as_the_motion_has_cycl
         )
 
 
+@pytest.mark.slow
 def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep):
     (axes,) = pictures.plot_waterfall(sweep, highest=3.0).axes
     _, stems, (_, scale) = lines(axes, style="-")
@@ -157,6 +161,7 @@ def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep)
     assert [len(lines(axes, marker=marker)) for marker in "sD*x"] == [1, 1, 1, 1]
 
 
+@pytest.mark.slow
 def test_a_branch_is_solid_where_stable_and_dashed_between_its_folds(loaded):
     branch, _ = loaded
     above, below = pictures.plot_branch(branch).axes

@@ -38,6 +38,7 @@ def test_an_order_is_named_by_a_geared_rotor_that_alone_makes_it(train):
     assert numbers == ["0.8 (4 of propeller)", "1", "3"]
 
 
+@pytest.mark.slow
 def test_tables_and_pictures_of_the_linear_train_name_the_rotor(train, monkeypatch):
     rpm = np.linspace(300.0, 750.0, 7)
     names = order_names(train)

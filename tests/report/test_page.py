@@ -95,6 +95,7 @@ def parts(written_page):
     return parts
 
 
+@pytest.mark.slow
 def test_every_part_of_the_report_is_there(parts):
     # The part on tolerances has its own test, with the command.
     expected = [title for title in page.PARTS if title != "Tolerances"]
@@ -112,6 +113,7 @@ def test_every_part_of_the_report_is_there(parts):
     assert "<svg" in parts["Train and data"].html
 
 
+@pytest.mark.slow
 def test_tables_hold_the_numbers_of_the_answers(report, parts):
     normal, misfire = report.cases
     table = tables(parts["Torques of shafts and dampers"])[0]
@@ -130,6 +132,7 @@ def test_tables_hold_the_numbers_of_the_answers(report, parts):
     assert float(heat.columns[1][0]) > 0
 
 
+@pytest.mark.slow
 def test_irregularity_of_disks_is_in_per_cent_in_all_tables(report, parts):
     """Irregularity of the heaviest disk, the gears and the loads."""
     normal = report.cases[0].answers
@@ -161,6 +164,7 @@ def largest_force(case):
     return max(float(answer.force("Kurbel|Räder").peak) for answer in case.answers)
 
 
+@pytest.mark.slow
 def test_the_second_design_stands_beside_the_first_with_what_differs(report, parts):
     differ, forces_of_both, *_ = tables(parts["Second design"])
     first_row = [column[0] for column in differ.columns]
@@ -182,6 +186,7 @@ def mesh_share(answer):
     return 0.05 * float(answer.force("Kurbel|Räder").half_peak_to_peak) / 300.0
 
 
+@pytest.mark.slow
 def test_the_result_judges_every_case_the_largest_share_first(report, parts):
     judged = list(shares_of(report.cases).values())
     shares = [largest.share for largest in judged]
@@ -203,6 +208,7 @@ def test_the_result_judges_every_case_the_largest_share_first(report, parts):
     assert "of its limit (" in parts["Result"].html
 
 
+@pytest.mark.slow
 def test_the_second_design_has_its_limits_its_heat_and_the_misfire(report, parts):
     heat = next(
         table
@@ -235,6 +241,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(report, parts
     assert "two not firing" in lines[1]
 
 
+@pytest.mark.slow
 def test_a_second_design_without_the_cylinder_was_run_without_a_misfire(report):
     firing = dataclasses.replace(report, seconds=report.seconds[:1])
     (part,) = parts_of(firing, {"Second design": page.PARTS["Second design"]})
@@ -244,6 +251,7 @@ def test_a_second_design_without_the_cylinder_was_run_without_a_misfire(report):
     )
 
 
+@pytest.mark.slow
 def test_the_linear_parts_name_their_case_and_have_the_misfire_too(report, parts):
     campbell = parts["Campbell diagram and critical speeds"]
     forced = parts["Linear forced response"]
@@ -269,6 +277,7 @@ def test_the_linear_parts_name_their_case_and_have_the_misfire_too(report, parts
     assert float(cell) == pytest.approx(swings.max(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_verdict_names_the_hardest_impact_where_it_is_at_another_mesh(report):
     answer = report.cases[0].answers[2]
     contact = answer.contacts["Kurbel|Räder"]
@@ -305,6 +314,7 @@ def test_the_verdict_names_the_hardest_impact_where_it_is_at_another_mesh(report
     assert verdict(both).endswith(" a cycle, the hardest at 0.0012 m/s.")
 
 
+@pytest.mark.slow
 def test_the_text_has_torques_of_shafts_where_there_are_gears(page_file, capsys):
     assert main(["report", str(page_file.parent / "first.toml"), "--rpm", "1500"]) == 0
     text = capsys.readouterr().out
@@ -313,6 +323,7 @@ def test_the_text_has_torques_of_shafts_where_there_are_gears(page_file, capsys)
     assert re.search(r"\n  Welle +[\d.]+ +[\d.]+ +[\d.]+\n", table)
 
 
+@pytest.mark.slow
 def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the_scale(
     report,
 ):
@@ -348,6 +359,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     assert row.title.endswith("?: not converged")
 
 
+@pytest.mark.slow
 def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(report, monkeypatch):
     def failing(train, *, rpm):
         response = forced_response(train, rpm=rpm)
@@ -373,6 +385,7 @@ def unanswered(answer):
     return Answer(answer.train, state, answer.linear)
 
 
+@pytest.mark.slow
 def test_a_train_without_a_single_answer_has_a_page_that_says_so(report):
     cases = [
         Case(case.title, [unanswered(answer) for answer in case.answers])
@@ -390,6 +403,7 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(report):
                 assert all(y is None for y in trace["y"])
 
 
+@pytest.mark.slow
 def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(
     page_file, capsys, monkeypatch
 ):
@@ -410,6 +424,7 @@ def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(
     )
 
 
+@pytest.mark.slow
 def test_heads_of_groups_stand_above_their_columns(page_file):
     rows = re.findall(
         r"<tr>(<th colspan.*?)</tr>\s*<tr>(.*?)</tr>",
@@ -429,12 +444,14 @@ def test_heads_of_groups_stand_above_their_columns(page_file):
     ]
 
 
+@pytest.mark.slow
 def test_plotly_knows_every_key_of_every_figure(parts):
     graph_objects = pytest.importorskip("plotly.graph_objects")
     for figure in figures(parts):
         graph_objects.Figure({"data": figure.traces, "layout": figure.layout})
 
 
+@pytest.mark.slow
 def test_lines_differ_without_colour(parts):
     for figure in figures(parts):
         lines = [
@@ -453,6 +470,7 @@ def test_lines_differ_without_colour(parts):
         assert len(set(looks)) == len(looks), figure.caption
 
 
+@pytest.mark.slow
 def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(
     page_file, parts
 ):
@@ -468,6 +486,7 @@ def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(
     assert traces == [figure.traces for figure in figures(parts)]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     CHROMIUM is None, reason="no chromium is installed: apt-get install chromium"
 )

@@ -144,6 +144,7 @@ def test_a_combustion_model_is_told_by_its_numbers():
     assert numbers["combustion.compression ratio"] == "17"
 
 
+@pytest.mark.slow
 def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
     combustion = jaxhb.Combustion(
         compression_ratio=16.0,

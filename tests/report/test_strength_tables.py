@@ -156,6 +156,7 @@ def test_a_scene_without_limits_mentions_none(tmp_path, capsys, command):
 TUNE = "\n" + text_of("line_tune.toml")
 
 
+@pytest.mark.slow
 def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     path = tmp_path / "line.toml"
     path.write_text(SCENE + TUNE)

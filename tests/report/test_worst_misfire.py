@@ -69,6 +69,7 @@ def report(train, trains):
     return Report(solve_cases(titled, SPEEDS, Asked()), facts={"date": "today"})
 
 
+@pytest.mark.slow
 def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speeds(
     expected,
 ):
@@ -79,6 +80,7 @@ def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speed
     assert np.unravel_index(torques.argmax(), torques.shape) == (3, 1)
 
 
+@pytest.mark.slow
 def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, expected):
     share = f"{expected['cylinder 1'][0][2]:.2f} of the continuous limit"
     titles = [case.title for case in report.shown]
@@ -109,6 +111,7 @@ def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, expected)
     assert not {"stress, cylinder 3 cut off", "stress, cylinder 4 cut off"} & set(names)
 
 
+@pytest.mark.slow
 def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, trains):
     (table,) = (
         block
@@ -141,6 +144,7 @@ def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, train
     assert rows[SHAFT] == "cylinder 1 cut off"
 
 
+@pytest.mark.slow
 def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
     report, expected
 ):

@@ -124,6 +124,7 @@ def measured(train):
     )
 
 
+@pytest.mark.slow
 def test_a_fit_leaves_out_a_speed_without_an_answer_and_says_so(train):
     fit = identify(
         train,
@@ -140,6 +141,7 @@ def test_a_fit_leaves_out_a_speed_without_an_answer_and_says_so(train):
     assert sentence.startswith("undamped at 95.493 rpm: NEAR_SINGULAR")
 
 
+@pytest.mark.slow
 def test_a_fit_without_enough_answers_is_refused_with_the_reason(train):
     unbalanced = train.replace({"port.mean": 1.0})
     with pytest.raises(
@@ -153,6 +155,7 @@ def test_a_fit_without_enough_answers_is_refused_with_the_reason(train):
         )
 
 
+@pytest.mark.slow
 def test_the_worst_phase_is_judged_at_the_speeds_with_an_answer(train):
     torque = [Objective(quantity="shaft torque", of="a|b")]
     everywhere = worst_phase(train, "turn", rpm=RPM, of=torque)
@@ -167,6 +170,7 @@ def test_the_worst_phase_is_judged_at_the_speeds_with_an_answer(train):
     assert not at_answers.left_out
 
 
+@pytest.mark.slow
 def test_tolerances_judge_the_speeds_with_an_answer(train):
     judged = tolerance(
         train,
@@ -271,6 +275,7 @@ def gears(balanced=True):
     return train.replace({"drive.mean": 100.0})
 
 
+@pytest.mark.slow
 def test_lift_off_leaves_out_a_resonance_and_refuses_a_train_that_does_not_balance():
     # The twist has k r^2 (1/J + 1/J), which is 707 rad/s. The teeth part where the
     # vibration exceeds the mean: half of the amplitude over 1 - s^2 does so at

@@ -67,6 +67,7 @@ def stored_sweep(pair, tmp_path_factory):
     return folder, swept(pair, folder)
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_stopped_goes_on_with_the_same_numbers(
     pair, stored_sweep, tmp_path
 ):
@@ -90,6 +91,7 @@ def test_a_sweep_that_was_stopped_goes_on_with_the_same_numbers(
     assert sorted(after) == sorted(path.name for path in folder.iterdir())
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_done_is_only_read(pair, stored_sweep):
     folder, whole = stored_sweep
     before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
@@ -102,6 +104,7 @@ def test_a_sweep_that_is_done_is_only_read(pair, stored_sweep):
     )
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_made_again(pair, stored_sweep, tmp_path):
     folder, whole = stored_sweep
     for path in folder.iterdir():
@@ -115,6 +118,7 @@ def test_a_damaged_file_is_made_again(pair, stored_sweep, tmp_path):
     assert [path.name for path in tmp_path.glob(".*")] == [KEY]
 
 
+@pytest.mark.slow
 def test_a_folder_of_another_question_is_refused(pair, stored_sweep, tmp_path):
     folder, _ = stored_sweep
     questions = {
@@ -145,6 +149,7 @@ def test_a_folder_of_another_question_is_refused(pair, stored_sweep, tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not Path("/dev/full").exists(), reason="no device that is always full"
 )
@@ -185,6 +190,7 @@ def test_values_of_other_packages_are_not_stored_and_none_of_their_classes_calle
             unpack({"value": {"shared": 0}, "shared": [{"class": name, "of": {}}]}, [])
 
 
+@pytest.mark.slow
 def test_an_answer_is_the_same_bits_whatever_speeds_stand_beside_it(pair, stored_sweep):
     """A speed by itself, in a sweep and from a folder; a speed reached from its
     neighbour, as from that motion alone.
@@ -200,6 +206,7 @@ def test_an_answer_is_the_same_bits_whatever_speeds_stand_beside_it(pair, stored
         assert_same_numbers([single], [dataclasses.replace(state, notes=single.notes)])
 
 
+@pytest.mark.slow
 def test_a_part_that_was_planted_is_not_believed(pair, tmp_path):
     """A part written as by another user, who knows all but the key, and a sound part
     that answers another question.
@@ -223,6 +230,7 @@ def _by_time(folder):
     return sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
 
 
+@pytest.mark.slow
 def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(
     pair, tmp_path
 ):
@@ -234,6 +242,7 @@ def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(
     )
 
 
+@pytest.mark.slow
 def test_questions_that_differ_in_the_last_digit_have_answers_of_their_own(
     pair, tmp_path
 ):
@@ -248,6 +257,7 @@ def test_questions_that_differ_in_the_last_digit_have_answers_of_their_own(
     assert answers == speeds.tolist()
 
 
+@pytest.mark.slow
 def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(
     pair, tmp_path
 ):
@@ -260,6 +270,7 @@ def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(
     assert "cannot be written" in warnings[0]
 
 
+@pytest.mark.slow
 def test_a_folder_of_the_cache_that_answers_another_question_begins_anew(
     pair, tmp_path
 ):

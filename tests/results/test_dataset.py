@@ -77,6 +77,7 @@ def test_a_response_and_a_sweep_of_responses_have_the_same_labels(pair, sweep):
     )
 
 
+@pytest.mark.slow
 def test_numbers_that_did_not_converge_are_nan_and_the_status_says_why(pair):
     data = jaxhb.solve(pair, rpm=5000.0, harmonics=16, tolerance=1e-12).to_xarray()
     assert data.status.item() == "TOLERANCE_NOT_MET"
@@ -87,6 +88,7 @@ def test_numbers_that_did_not_converge_are_nan_and_the_status_says_why(pair):
     assert all(np.isnan(data[name]).all() for name in numbers)
 
 
+@pytest.mark.slow
 def test_an_irregular_motion_has_the_extremes_of_its_record_and_no_phases(pair):
     light = pair.replace(LIGHTER)
     state = jaxhb.steady_state(light, rpm=6000.0)

@@ -191,6 +191,7 @@ def extreme_of(name, sharp):
     return extreme
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXTREMES)
 def test_the_derivative_of_an_extreme_warns_where_contact_was_an_unknown(name):
     sharp = extreme_of(name, True)
@@ -235,6 +236,7 @@ def test_smooth_measures_are_differentiated_without_a_warning(smooth):
     assert jax.grad(measure)(1.5) == pytest.approx(float(measure(1.0)))
 
 
+@pytest.mark.slow
 def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
     pair = jaxhb.load_scene("spur_pair")
     key = "gear a|gear b.damping"

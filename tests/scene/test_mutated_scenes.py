@@ -54,6 +54,7 @@ def mutated(scene, random):
     return changed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_a_mutated_scene_is_read_or_refused_in_a_few_short_sentences(name, tmp_path):
     file = tmp_path / "sound.toml"

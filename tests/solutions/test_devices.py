@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 SHARED = """
 import compiling

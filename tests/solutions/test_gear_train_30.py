@@ -19,6 +19,7 @@ def train():
     return jaxhb.load_scene("gear_train_30")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rpm", "harmonics"), [(600, 96), (1200, 96), (1800, 768)])
 def test_tooth_forces_and_separation_are_those_of_the_reference_integration(
     train, rpm, harmonics
@@ -53,6 +54,7 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(
             assert np.abs(stability.multipliers - value).min() < 5e-5
 
 
+@pytest.mark.slow
 def test_tooth_forces_of_an_integration_in_time_are_those_of_the_reference(train):
     orbit = jaxhb.integrate(train, rpm=1800.0, steps=12000)
     expected = EXPECTED["1800"]
@@ -69,7 +71,7 @@ def test_tooth_forces_of_an_integration_in_time_are_those_of_the_reference(train
     )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_two_threads_return():
     """They solve, differentiate, batch and compile at the same time, in a process of
     their own, as some may hang.
@@ -78,7 +80,7 @@ def test_two_threads_return():
     subprocess.run([sys.executable, script], check=True, timeout=300)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_error_against_shooting_falls_with_the_harmonics(train):
     """And the estimate made without any integration is within a factor 3 of the true
     error.
@@ -95,6 +97,7 @@ def test_error_against_shooting_falls_with_the_harmonics(train):
     assert errors[1] < 1e-3
 
 
+@pytest.mark.slow
 def test_a_misfire_is_felt_by_the_gears(train):
     """The once-per-cycle order grows, and the load takes less."""
     normal = jaxhb.solve(train, rpm=1200.0, harmonics=96)
@@ -105,7 +108,7 @@ def test_a_misfire_is_felt_by_the_gears(train):
     assert limping.gear_torque("crank gear").order(0.5) > 2 * once_per_cycle
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_an_estimate_below_the_mesh_modes_is_not_believed(train):
     """With a wide smooth zone the teeth live in it: 96 harmonics gave 13 % error at an
     estimate of 0.8 %.

@@ -17,7 +17,7 @@ from jaxhb.results.status import Homotopy
 from jaxhb.solutions import continuation, homotopy, orbits, planning
 from jaxhb.solutions.sweeping import SweptTrain
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 
 def search_of(train, rpm):

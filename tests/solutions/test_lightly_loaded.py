@@ -52,6 +52,7 @@ def test_where_no_motion_repeats_the_record_reaches_what_the_exact_one_reaches(t
     assert 0.97 * low < state.deflection("a", "b").max < 1.03 * high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.4, 0.8, 1.0, 1.5])
 def test_an_orbit_of_one_cycle_is_as_stable_as_the_exact_one(train, speed):
     orbit = jaxhb.solve(train, rpm=rpm(speed), tolerance=1e-3)
@@ -68,6 +69,7 @@ def test_an_orbit_of_one_cycle_is_as_stable_as_the_exact_one(train, speed):
     assert stability.loses_by == (None if stability.stable else "period doubling")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "start"), [(0.4, "march"), (0.9, "response")])
 def test_a_plan_whose_own_start_does_not_lead_to_the_motion_asks_for_one(
     train, speed, start

@@ -114,6 +114,7 @@ def hammering(rpm):
     return jaxhb.solve(idler(), rpm=rpm, harmonics=768, tolerance=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_motions_up_and_down_are_those_published(case):
     train, unit = pair(case)
@@ -131,6 +132,7 @@ def test_motions_up_and_down_are_those_published(case):
         assert (errors < 0.002 * expected[:, 0]).all()
 
 
+@pytest.mark.slow
 def test_coexisting_motions_are_found():
     train, unit = pair(CASES[0])
     motions = jaxhb.solve_all(train, rpm=0.6 * unit)
@@ -169,6 +171,7 @@ def test_a_held_flank_and_no_backlash_deflect_alike():
     np.testing.assert_allclose(flank[1:], free[1:], rtol=0, atol=ALGEBRAIC * HALF)
 
 
+@pytest.mark.slow
 def test_parametric_instability_begins_where_integration_says():
     case = CASES[0] | {"F": []}
     train, unit = pair(case, backlash=False)
@@ -248,6 +251,7 @@ def integrated_idler(response, rpm):
     return np.array([y[0] - y[1], y[2] - y[1]]) - errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [1500.0, 600.0])
 def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
     response = hammering(rpm)
@@ -262,6 +266,7 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
     np.testing.assert_allclose(exact[:, -1], exact[:, 0], rtol=0, atol=0.01 * elastic)
 
 
+@pytest.mark.slow
 def test_whole_train_and_condensed_equation_agree():
     """Solved to rounding: what is compared is the methods, not where they stop."""
     train = idler()
@@ -289,6 +294,7 @@ def test_whole_train_and_condensed_equation_agree():
         np.testing.assert_allclose(actual, expected, rtol=0, atol=PATHS * scale)
 
 
+@pytest.mark.slow
 def test_shooting_hardly_corrects_exact_integrals():
     correction = jaxhb.shooting_correction(
         jaxhb.solve(idler(), rpm=1500.0, harmonics=256, integrals="exact")
@@ -297,6 +303,7 @@ def test_shooting_hardly_corrects_exact_integrals():
     assert correction.error < 2e-3
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences():
     """Each number by itself; forwards and backwards are two programs for all of
     them.
@@ -331,6 +338,7 @@ def test_gradients_are_those_of_differences():
         np.testing.assert_allclose([slope, reverse], expected, rtol=GRADIENT)
 
 
+@pytest.mark.slow
 def test_a_longer_cycle_has_the_same_motion():
     train = idler()
     once = jaxhb.solve(train, rpm=1500.0, harmonics=64)
@@ -382,6 +390,7 @@ def test_shorthands_stand_for_a_stiffness_and_its_orders(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_whine_transmission_error_and_energy_are_read_of_a_motion():
     response = hammering(1500.0)
     approach = 0.05 * response.angles[0] - 0.1 * response.angles[1]

@@ -58,7 +58,7 @@ def test_a_motion_is_told_once(pair):
     assert again.idle == 1
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_motions_of_a_hammering_train_are_found_that_time_integration_confirms():
     """Twelve disks, two meshes: beside the motion to which the train comes there are
     others that repel.

@@ -17,7 +17,7 @@ from jaxhb.balance.problem import problem_at, reduced_equation
 from jaxhb.balance.sizes import relative_residual
 from jaxhb.solutions import shots
 
-pytestmark = pytest.mark.oracle
+pytestmark = pytest.mark.slow
 
 RPM = 2320.0
 PLAN = Plan(

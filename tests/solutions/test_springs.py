@@ -109,6 +109,7 @@ def integrated(response, rpm, springs, mean=20.0):
     return np.array([y[0] - y[1], y[2] - y[3]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "springs", [STAGED, {"stops": [(4.0, 2000.0)]}, {"clearance": 3.0}, MIXED]
 )
@@ -134,6 +135,7 @@ def test_motion_and_torque_follow_the_equations(springs):
     assert jaxhb.stability(response).stable
 
 
+@pytest.mark.slow
 def test_a_march_records_the_same_torque():
     train = clutch(**STAGED)
     state = jaxhb.steady_state(train, rpm=RPM)
@@ -144,6 +146,7 @@ def test_a_march_records_the_same_torque():
     )
 
 
+@pytest.mark.slow
 def test_below_the_first_stage_the_shaft_is_linear():
     far = jaxhb.solve(clutch(stages=[(60.0, 3000.0)]), rpm=RPM)
     linear = jaxhb.forced_response(clutch(), rpm=RPM)
@@ -153,6 +156,7 @@ def test_below_the_first_stage_the_shaft_is_linear():
     )
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences():
     names = ("disc.stages", "disc.stiffness", "disc.stops")
     step = 1e-3
@@ -182,6 +186,7 @@ def test_gradients_are_those_of_differences():
         assert slope == pytest.approx(expected, rel=GRADIENT)
 
 
+@pytest.mark.slow
 def test_what_is_not_served_is_refused():
     train = clutch(**MIXED)
     response = jaxhb.solve(train, rpm=RPM)
@@ -196,7 +201,7 @@ def test_what_is_not_served_is_refused():
     )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_clutch_is_tuned_and_checked_by_marches():
     train = clutch(**STAGED)
     rpm = np.linspace(500.0, 1200.0, 4)

@@ -47,6 +47,7 @@ def force_difference(response, reference):
     return np.abs(actual - expected).max() / np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
     train, response
 ):
@@ -58,6 +59,7 @@ def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
     assert force_difference(response, newton) < 1.2 * error
 
 
+@pytest.mark.slow
 def test_a_tighter_tolerance_takes_more_steps(train, response):
     finer = jaxhb.solve(train, rpm=RPM, tolerance=1e-3)
     assert finer.converged
@@ -69,6 +71,7 @@ def test_a_tighter_tolerance_takes_more_steps(train, response):
     assert force_difference(response, finer) < 1.2 * error
 
 
+@pytest.mark.slow
 def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
     response = jaxhb.solve(train, rpm=LATE)
     assert response.converged
@@ -77,6 +80,7 @@ def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
     assert error < 2 * float(response.truncation_error)
 
 
+@pytest.mark.slow
 def test_where_nothing_settles_shooting_finds_a_motion():
     """Three disks, two meshes with 3 % damping."""
     rng = np.random.default_rng([48271127, 21])
@@ -109,6 +113,7 @@ def long_train():
     return with_tooth_damping(refined("gear_train_30", 130), 0.06)
 
 
+@pytest.mark.slow
 def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_train):
     """To harmonics of its mesh modes, against the receptances of the equations."""
     modes = modes_of(long_train)
@@ -139,7 +144,7 @@ def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_
     assert (errors / scale).max() < 0.02
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks(
     long_train,
 ):
@@ -152,11 +157,13 @@ def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks
     assert force_difference(swept, newton) < 1.2 * error
 
 
+@pytest.mark.slow
 def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
     sweep = jaxhb.solve_speeds(train, rpm=[RPM, RPM + 20])
     np.testing.assert_array_equal(sweep[0].angles, response.angles)
 
 
+@pytest.mark.slow
 def test_sweeps_from_a_motion_stay_there(train, swept, response):
     """A motion is what a steady state starts its neighbour from."""
     state = jaxhb.steady_state(train, rpm=RPM)
@@ -166,6 +173,7 @@ def test_sweeps_from_a_motion_stay_there(train, swept, response):
     assert force_difference(again, response) < 5e-3
 
 
+@pytest.mark.slow
 def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
     """A train that settles comes to the same motion from elsewhere."""
     disturbed = np.zeros(2 * response.topology.n_disks)
@@ -173,6 +181,7 @@ def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
     assert force_difference(again, response) < 5e-3
 
 
+@pytest.mark.slow
 def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
     train, response
 ):
@@ -200,6 +209,7 @@ def new_modes(train):
     return modes_for_march(problem, plan.active_meshes)
 
 
+@pytest.mark.slow
 def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
     """Also where numbers are written into the arrays of a train."""
     modes = modes_of(train)
@@ -216,6 +226,7 @@ def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
     assert difference > 1e-3 * np.abs(modes.rates).max()
 
 
+@pytest.mark.slow
 def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
     assert not any(plan.by_rate for plan in swept.sweep_plans(RPM))
     law = ("contact", *train.topology.mesh_damping_law[1:])

@@ -32,6 +32,7 @@ def read(train, rpm):
     return [*extremes, *jaxhb.natural_frequencies(train).frequencies_hz.tolist()]
 
 
+@pytest.mark.slow
 def test_eight_threads_get_the_numbers_that_one_gets(train):
     alone = {rpm: read(train, rpm) for rpm in RPM}
     speeds = [RPM[k % len(RPM)] for k in range(CALLS)]

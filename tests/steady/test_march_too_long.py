@@ -28,6 +28,7 @@ def test_a_cycle_of_too_many_steps_is_told_within_seconds_and_not_marched():
         integrate(train, rpm=0.392)
 
 
+@pytest.mark.slow
 def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
     """Far below the resonances tooth forces follow from the torques and inertias alone,
     whatever the law.

@@ -38,6 +38,7 @@ def rpm(omega):
     return np.asarray(omega) * trains.ONE_RADIAN_PER_SECOND
 
 
+@pytest.mark.slow
 def test_teeth_that_the_linear_motion_holds_stay_in_contact():
     # Where there are no teeth none can be in contact: the motion is periodic.
     for name, speed, kind in (
@@ -74,6 +75,7 @@ def test_a_longer_cycle_has_the_same_excitation_at_multiples_of_its_harmonics():
             assert not often[:, between].any()
 
 
+@pytest.mark.slow
 def test_sweeps_up_and_down_follow_the_exact_stable_branches():
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     omegas = sorted({row["Omega"] for row in rows})
@@ -101,7 +103,7 @@ def test_sweeps_up_and_down_follow_the_exact_stable_branches():
     assert coexisting
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_the_packaged_train_hammers_with_the_statistics_of_a_finer_integration():
     train = jaxhb.load_scene("gear_train_30")
     state = jaxhb.steady_state(train, rpm=2400.0)
@@ -133,6 +135,7 @@ def hammering():
     return jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
 
 
+@pytest.mark.slow
 def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is(
     hammering,
 ):
@@ -186,6 +189,7 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         state.gear_torque("flywheel")
 
 
+@pytest.mark.slow
 def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammering):
     train = hammering.train
     response = hammering
@@ -284,7 +288,7 @@ def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
         state.force("gear a", "gear b")
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     def lossy(part):
         return (
@@ -337,7 +341,7 @@ def test_what_cannot_be_done_is_a_sentence():
         jaxhb.steady_state(train, rpm=1000.0, start=other)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
     """Its mode takes 113 cycles to decay; Runge-Kutta through links
     (``benchmarks/kinds.py``) has this period, too.
@@ -359,6 +363,7 @@ def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
     assert difference(state.response, later.response, 2) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one():
     """Its multipliers, 0.97 at 104 degrees, let seven cycles nearly return long before
     one does.
@@ -372,7 +377,7 @@ def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one
     assert largest == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_a_motion_that_repels_is_not_what_the_train_does():
     """A march passes near it for long, and harmonic balance solves it: its multiplier
     is -1.1.

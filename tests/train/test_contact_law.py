@@ -82,6 +82,7 @@ def test_the_smallest_mean_force_of_the_speed_range_counts():
     )
 
 
+@pytest.mark.slow
 def test_mean_forces_are_those_of_the_linear_response():
     disks = [jaxhb.Disk(name=name, inertia=0.01, radius=RADIUS) for name in "abcd"]
     two_ways = [
@@ -110,6 +111,7 @@ def test_a_train_keeps_the_law_that_it_was_built_with():
     assert law(train.replace({"a:torque.mean": 2.0})) == law(train)
 
 
+@pytest.mark.slow
 def test_light_teeth_that_never_part_move_as_with_a_closed_gap():
     """A wider transition makes the teeth soft where they carry little: their vibratory
     force is off by tens of per cent.
@@ -137,7 +139,7 @@ def test_modes_at_the_mean_load_have_the_full_stiffness_of_light_teeth():
     )
 
 
-@pytest.mark.oracle
+@pytest.mark.slow
 def test_the_vibratory_force_of_hunting_teeth_is_that_of_a_sharp_gap():
     """An independent integration has 503.7 and 343.9 N with a sharp gap, and 590.5 and
     272.6 N with 0.04.

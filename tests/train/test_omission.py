@@ -129,6 +129,7 @@ def assert_same_motion(train, expected, rpm=(180.0, 420.0)):
         assert not np.abs(a[..., orders:]).any()
 
 
+@pytest.mark.slow
 def test_a_scenario_with_an_open_clutch_is_the_train_built_without_that_engine():
     train = built(SCENARIOS)
 
@@ -155,6 +156,7 @@ def test_a_scenario_with_an_open_clutch_is_the_train_built_without_that_engine()
     assert_same_motion(train.scenario("port alone"), by_hand)
 
 
+@pytest.mark.slow
 def test_what_hangs_on_a_disk_goes_with_it_and_what_it_joined():
     train = built(SCENARIOS)
     assert_same_motion(
@@ -163,12 +165,14 @@ def test_what_hangs_on_a_disk_goes_with_it_and_what_it_joined():
     assert_same_motion(train.without("starboard mesh"), built(starboard=False))
 
 
+@pytest.mark.slow
 def test_a_scenario_switches_cylinders_and_the_pulsation_of_a_load():
     train = built(SCENARIOS).scenario("zero pitch")
     assert_same_motion(train, built(blades=((4.0, 0.01, 0.0),)).misfire("port 2"))
     assert train.topology.cylinder_fires == (True, False, True, True)
 
 
+@pytest.mark.slow
 def test_numbers_of_what_stays_are_those_of_the_train_changed_before():
     changes = {"starboard 1.combustion.imep": 8e5, "starboard damper.damping": 30.0}
     changed = built().replace(changes)
