@@ -46,8 +46,7 @@ from jaxhb.balance.sweeps import SweepEquation, SweepPlan
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
-from jaxhb.equations.reduced_model import ReducedOrderModel
-from jaxhb.integration.step import Stepper, force_on_flank, stepper_of
+from jaxhb.integration.step import force_on_flank
 from jaxhb.results.response import Response
 from jaxhb.results.status import Newton, Status, Sweeps
 from jaxhb.train.changes import within_range
@@ -321,30 +320,6 @@ def deflections_on_flank(reduced: CondensedEquation) -> Array:
         .set(force_on_flank(reduced.law, reduced.linear))
     )
     return reduced.linear - reduced.respond(held_forces)
-
-
-def reduced_stepper(
-    reduced: CondensedEquation,
-    model: ReducedOrderModel,
-    time_steps: int,
-    linear: Array,
-    variation: Array | None,
-    residual_flexibility: Array | None = None,
-) -> Stepper:
-    """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation and its
-    ReducedOrderModel, ``time_steps`` steps per cycle.
-    """
-    return stepper_of(
-        model.space,
-        reduced,
-        linear,
-        variation,
-        reduced.frequency,
-        time_steps,
-        linear_state=jnp.zeros(len(model.at_rest)),
-        flank_state=model.at_rest @ force_on_flank(reduced.law, reduced.linear),
-        residual_flexibility=residual_flexibility,
-    )
 
 
 def by_sweeps(

@@ -168,14 +168,13 @@ class _TunedFiles:
             return f"the best design so far is {self.arguments.output!r}"
         solved = 0
         place = ""
-        if self.start is not None:
+        if self.start is not None and self.start.solved.any():
             solved = int(self.start.solved.sum())
-        if self.start is not None and solved:
             record = output.changes(self.arguments) | start_record(
                 self.train, self.rpm, self.start
             )
             output.write_files({self.json: output.as_json(record)})
-            place = f", and their numbers are in {self.arguments.json!r}"
+            place = f", and their numbers are in {self.json!r}"
         return (
             f"no design is there yet and no scene is written; {solved} of"
             f" {len(self.rpm)} speeds of the scene as it is are solved{place}"

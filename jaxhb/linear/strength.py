@@ -27,11 +27,6 @@ NEAR = 0.01  # share of the highest speed of a rule that may be missing
 SHARE_OF_RATED = 1.0 / 3.0
 
 
-def corners_of(rule: str) -> tuple[float, ...]:
-    """Shares of the rated speed at which a limit of a rule has a step or a corner."""
-    return RULES[rule].corners
-
-
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
     """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p =
     pi (d^4 - b^4) / (16 d)``.

@@ -15,7 +15,7 @@ from jaxhb.elements.rules.rule import Rule, Section
 if TYPE_CHECKING:
     from jaxhb._jax import Array
 
-    Form = Callable[[Section, Array], tuple[Array, Array]]
+    Form = Callable[[Array], tuple[Array, Array]]
 
 SOURCE = (
     "Korean Register, Rules for the Classification of Steel Ships 2025, Part 5,"
@@ -38,11 +38,9 @@ NOTE = (
 )
 
 
-def crankshaft(
-    section: Section, ratio: Array, *, c: float, amplitude: float
-) -> tuple[Array, Array]:
+def crankshaft(ratio: Array, *, c: float) -> tuple[Array, Array]:
     """Limits in MPa of steel of 440 MPa before the factors f and g, 201: ``c`` is 24
-    for engines of kind A, 29 for B; ``amplitude`` is 45 - c.
+    for engines of kind A, 29 for B.
     """
     from jaxhb._jax import namespace
 
@@ -50,17 +48,17 @@ def crankshaft(
     below = 45.0 - c * ratio**2
     # The root has no derivative at 1: another number stands there.
     above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
-    return xp.where(ratio > 1.0, amplitude + above, below), 2.0 * below
+    return xp.where(ratio > 1.0, 45.0 - c + above, below), 2.0 * below
 
 
 def generator(
-    section: Section, ratio: Array, *, amplitude: float, passing: float
+    ratio: Array, *, continuous: float, transient: float
 ) -> tuple[Array, Array]:
     """Limits in MPa of steel of 440 MPa before the factors f and g, 203."""
     from jaxhb._jax import namespace
 
     ones = namespace(ratio).ones_like(ratio)
-    return ones * amplitude, ones * passing
+    return ones * continuous, ones * transient
 
 
 def limits(
@@ -73,7 +71,7 @@ def limits(
     from jaxhb._jax import namespace
 
     xp = namespace(section.tensile_strength, section.yield_strength, ratio)
-    continuous, passing = form(section, ratio)
+    continuous, passing = form(ratio)
     strength = xp.asarray(section.tensile_strength, dtype=float)
     relative = xp.minimum(strength, CAP) / 440e6
     continuous = 1e6 * continuous * xp.maximum(1.0 + 2.0 / 3.0 * (relative - 1.0), 1.0)
@@ -99,42 +97,30 @@ def _rule(
     )
 
 
-MAIN_ENGINES = "201 (main engines)"
-GENERATORS = "203 (generators)"
+def _main_engine(kind: str, c: float) -> Rule:
+    return _rule(
+        f"KR crankshaft {kind}",
+        "201 (main engines)",
+        partial(crankshaft, c=c),
+        highest=1.15,
+        passed=0.8,
+    )
+
+
+def _generator(shaft: str, continuous: float, transient: float) -> Rule:
+    return _rule(
+        f"KR generator {shaft}",
+        "203 (generators)",
+        partial(generator, continuous=continuous, transient=transient),
+        highest=1.1,
+        passed=0.9,
+    )
+
+
 RULES = (
-    _rule(
-        "KR crankshaft A",
-        MAIN_ENGINES,
-        partial(crankshaft, c=24.0, amplitude=21.0),
-        highest=1.15,
-        passed=0.8,
-    ),
-    _rule(
-        "KR crankshaft B",
-        MAIN_ENGINES,
-        partial(crankshaft, c=29.0, amplitude=16.0),
-        highest=1.15,
-        passed=0.8,
-    ),
-    _rule(
-        "KR generator crankshaft A",
-        GENERATORS,
-        partial(generator, amplitude=21.0, passing=90.0),
-        highest=1.1,
-        passed=0.9,
-    ),
-    _rule(
-        "KR generator crankshaft B",
-        GENERATORS,
-        partial(generator, amplitude=16.0, passing=90.0),
-        highest=1.1,
-        passed=0.9,
-    ),
-    _rule(
-        "KR generator shaft",
-        GENERATORS,
-        partial(generator, amplitude=31.0, passing=118.0),
-        highest=1.1,
-        passed=0.9,
-    ),
+    _main_engine("A", c=24.0),
+    _main_engine("B", c=29.0),
+    _generator("crankshaft A", continuous=21.0, transient=90.0),
+    _generator("crankshaft B", continuous=16.0, transient=90.0),
+    _generator("shaft", continuous=31.0, transient=118.0),
 )

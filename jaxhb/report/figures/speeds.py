@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb.design.measurements import UNITS
+from jaxhb.elements.rules import RULES
 from jaxhb.linear.forced import ForcedResponse
-from jaxhb.linear.strength import Strength, corners_of, strength, stress_limits
+from jaxhb.linear.strength import Strength, strength, stress_limits
 from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
@@ -574,7 +575,7 @@ def _limits(
     kind = LIMITED[key]
     if key != "stresses" or row.continuous is None:
         return np.asarray(judged.rpm), [getattr(row, limit) for limit in kind.limits]
-    corners = judged.rated_rpm * np.array(corners_of(judged.rules[name]))
+    corners = judged.rated_rpm * np.array(RULES[judged.rules[name]].corners)
     corners = np.concatenate([corners * (1 - ASTRIDE), corners * (1 + ASTRIDE)])
     within = corners[(corners > np.min(judged.rpm)) & (corners < np.max(judged.rpm))]
     speeds = np.unique(np.concatenate([np.atleast_1d(judged.rpm), within]))
