@@ -42,40 +42,41 @@ stays.
 """
 
 DONE = (
-    "Exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
+    "Exit status: 0 done; 2 invalid input (nothing is written); 3 an error in the"
+    " program."
 )
 
 LINEAR_STATUS = (
-    "Exit status: 0 every speed has an answer; 1 not so (files are still "
-    "written); 2 bad input (nothing is written); 3 an\n"
-    "error in the program."
+    "Exit status: 0 every speed has a result; 1 a speed has none (files are still "
+    "written); 2 invalid input (nothing is\n"
+    "written); 3 an error in the program."
 )
 
 FITTED = (
-    "Exit status: 0 done; 1 no cylinder alone explains the measurements, or too "
-    "few speeds have an answer; 2 bad input\n"
+    "Exit status: 0 done; 1 no single cylinder explains the measurements, or too "
+    "few speeds have a result; 2 invalid input\n"
     "(nothing is written); 3 an error in the program."
 )
 
 ANSWERED = (
-    "Exit status: 0 every speed has its answer: the kind of motion is known, and "
-    "the harmonic solution of a periodic one is\n"
-    'within its limits (residual and truncation error); what is "not confirmed by'
-    ' harmonic balance" is known from recorded\n'
-    "cycles, an answer that a ? marks; 1 a speed has none (files are still "
-    "written); 2 bad input (nothing is written); 3 an\n"
-    "error in the program. "
+    "Exit status: 0 every speed has a result: the kind of motion is known, and "
+    "the harmonic solution of a periodic motion is\n"
+    "within its limits (residual and truncation error); a motion"
+    ' "not confirmed by harmonic balance" is known from recorded\n'
+    "cycles and counts as a result, marked by a ?; 1 a speed has no result "
+    "(files are still written); 2 invalid input\n"
+    "(nothing is written); 3 an error in the program. "
 )
 
 BALANCED = (
-    "A scene whose mean torques do not balance is bad input (2). If --set "
+    "A scene whose mean torques do not balance is invalid input (2). If --set "
     "unbalances a scene, it is reported as such (1)."
 )
 
 SEARCHED = ANSWERED + BALANCED
 STATUS = (
-    f"{ANSWERED}With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is"
-    f" reported. {BALANCED}"
+    f"{ANSWERED}With --orbit: 0 converged at all speeds, 1 not converged; an unstable"
+    f" orbit is reported. {BALANCED}"
 )
 
 
@@ -186,12 +187,12 @@ class Program(click.Group):
 )
 @click.version_option(__version__, message="jaxhb %(version)s")
 def program() -> None:
-    """Forced vibration of drive trains with gear backlash: do the teeth hammer, at
-    which speeds, and how hard?
+    """Forced torsional vibration of drive trains with gear backlash: do the teeth
+    hammer, at which speeds, and how hard?
 
-    For each speed jaxhb reports what the train does after it has run long enough: teeth
-    in contact, a periodic motion, one with a period of several cycles, or an irregular
-    one. Units: rpm, N m, kN and deg.
+    For each speed jaxhb reports the motion after transients have decayed: teeth in
+    contact, a periodic motion, a motion with a period of several cycles, or an
+    irregular motion. Units: rpm, N m, kN and deg.
     """
 
 
@@ -223,13 +224,14 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
 def new() -> None:
     """Write a small commented scene, or a copy of another.
 
-    Every line is explained; a copy has its tables beside it. Never overwrites a file.
+    Comments explain every line. A copy includes the CSV tables of the scene. Never
+    overwrites a file.
     """
 
 
 @command(None, "inputs", DONE, "scenes")
 def scenes() -> None:
-    """List the packaged scenes and what they are."""
+    """List the packaged scenes with descriptions."""
 
 
 @command(
@@ -241,12 +243,16 @@ def scenes() -> None:
 )
 @options.SCENE_ARGUMENT
 @options.QUIET
-@option("--expand", "write the cylinders that an [engine] makes")
-@option("--out FILE.toml", "write it there, its tables beside it (default: print it)")
+@option("--expand", "write each [engine] as its individual cylinders")
+@option(
+    "--out FILE.toml",
+    "write the scene to this file, and its tables to the same folder (default: print"
+    " it)",
+)
 @option(
     "--referred",
-    "print inertias, stiffnesses and dampings instead, actual and referred to the"
-    " reference rotor",
+    "print inertias, stiffnesses and damping coefficients instead, actual and referred"
+    " to the reference rotor",
 )
 @options.plot(
     "a sketch of the train instead of printing it: disks, shafts, gears in mesh,"
@@ -255,9 +261,9 @@ def scenes() -> None:
 def scene() -> None:
     """Check a scene and write it as TOML.
 
-    Files of other programs are read by their endings: .json in the TORS format of
-    openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of
-    links (from, to, stiffness, ...).
+    Files of other programs are recognised by their extension: .json is the TORS format
+    of openTorsion, .csv has a table of inertias (name, inertia, radius, ...) and a
+    table of links (from, to, stiffness, ...).
     """
 
 
@@ -265,17 +271,17 @@ def scene() -> None:
 @options.SCENE
 @option(
     "--rpm A:B:COUNT",
-    "speeds of the mean torques, rpm (default: lowest and highest tabulated)",
+    "speeds of the mean torques, rpm (default: the lowest and highest speed tabulated)",
     read_speeds,
 )
-@option("--json FILE", "write all of it for programs, SI units")
+@option("--json FILE", "write all results for programs, SI units")
 def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
-    Reads a scene and reports what it amounts to: mean torques and tooth forces, the
-    damping of every mesh, natural frequencies with damping ratios. Notes name numbers
-    that are allowed but far from usual, as a pressure in bar or a bore in mm; they are
-    no errors, and solve, sweep and report print them, too.
+    Reads a scene and reports mean torques and tooth forces, the damping of every mesh,
+    and natural frequencies with damping ratios. Notes name values that are allowed but
+    implausible, such as a pressure in bar or a bore in mm. They are not errors; solve,
+    sweep and report print them, too.
     """
 
 
@@ -298,16 +304,16 @@ def modes() -> None:
     "frequencies, Hz (default: the first three that strain links)",
     positive,
 )
-@option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count)
+@option("--mode K [K ...]", "modes, with the numbers of jaxhb modes", count)
 @option("--json FILE", "write the tables in full precision, SI units")
 @options.plot("the residual over the frequency")
 def holzer() -> None:
     """Holzer's table of a train without loops.
 
-    As engineers print it: inertia, ordinate, torque sum and twist from the free ends to
-    the last disk, with the energies of disks and links in % of the kinetic energy.
-    Undamped; teeth in contact, or as --at says. At a natural frequency the residual is
-    0 but for rounding.
+    The table lists inertia, ordinate (relative amplitude), torque sum and twist from
+    the free ends to the last disk, with the energies of disks and links in % of the
+    kinetic energy. Undamped; teeth in contact, or as set by --at. At a natural
+    frequency the residual is 0 except for rounding.
     """
 
 
@@ -322,18 +328,18 @@ def holzer() -> None:
 @options.MEAN_LOAD
 @option(
     "--rpm A:B[:COUNT]",
-    "range of speeds, rpm; COUNT: where frequencies depend on it",
+    "range of speeds, rpm; COUNT: number of speeds if frequencies depend on the speed",
     speed_range,
     required=True,
 )
 @option(
     "--orders N1,N2,...",
-    "orders of the reference rotor (default: those that the torques have)",
+    "orders of the reference rotor (default: those of the torques)",
     orders,
 )
 @option(
     "--modes N",
-    "how many of the modes that strain links, the lowest",
+    "number of modes, the lowest of those that strain links",
     whole,
     default="6",
     show_default=True,
@@ -346,8 +352,9 @@ def campbell() -> None:
     """Natural frequencies and orders over the speed.
 
     The Campbell diagram: natural frequencies over the speed, orders of the excitation
-    as rays, and the critical speeds where they meet, order x rpm / 60 = Hz. Undamped;
-    teeth in contact, or as --at says; order-tuned absorbers follow the speed.
+    as rays, and the critical speeds where they intersect, order x rpm / 60 = Hz.
+    Undamped; teeth in contact, or as set by --at; order-tuned absorbers follow the
+    speed.
     """
 
 
@@ -362,20 +369,20 @@ def campbell() -> None:
 @options.RPM
 @option(
     "--element NAME",
-    "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the"
-    " largest values of all)",
+    "list this disk, shaft, damper or mesh speed by speed; may be repeated (default:"
+    " the largest values of all elements)",
     multiple=True,
     shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
 )
 @options.EACH_MISFIRE
-@options.files("orders and synthesis over the speed, of up to four elements")
+@options.files("orders and synthesis of up to four elements over the speed")
 def forced() -> None:
     """Linear response over the speed: amplitudes by order, heat.
 
-    All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis,
-    sum of amplitudes, and power turned into heat, of every disk (deg), shaft and damper
-    (N m) and mesh (kN). Without --element the largest values over the speeds. Links may
-    vary over frequency and amplitude.
+    With all teeth in contact, for every disk (deg), shaft and damper (N m) and mesh
+    (kN): amplitude of every order, half peak-to-peak of the synthesis, sum of
+    amplitudes and dissipated power. Without --element, the largest values over the
+    speeds. Links may depend on frequency and amplitude.
     """
 
 
@@ -395,16 +402,17 @@ def forced() -> None:
 @options.files("the gear torque and the tooth forces over the cycle")
 @option(
     "--trace FILE.csv",
-    "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle",
+    "write the motion for spreadsheets: forces, torques, angles and speeds over the"
+    " crank angle",
 )
 @options.GEAR
 def solve() -> None:
     """One speed: do the teeth hammer? Forces, torques, contact.
 
-    With backlash and without: the kind of motion, which teeth separate and for how
-    long, tooth forces (kN), torques of gears and shafts (N m). Of a motion that never
-    repeats the numbers are extremes over recorded cycles, and the largest tooth force
-    of a cycle is given as 5, 50 and 95 % of the cycles have it.
+    With and without backlash: the kind of motion, which teeth separate and for how
+    long, tooth forces (kN), torques of gears and shafts (N m). For a motion that never
+    repeats, the results are extremes over recorded cycles, with the 5th, 50th and 95th
+    percentiles of the largest tooth force of a cycle.
     """
 
 
@@ -420,40 +428,41 @@ def solve() -> None:
 @options.MOTION
 @option(
     "--direction {up,down,both}",
-    "which neighbour a speed starts from: the one below (up, default), above (down), or"
-    " one after the other",
+    "neighbour from which a speed starts: the next lower (up, default), the next higher"
+    " (down), or both in turn",
     ("up", "down", "both"),
 )
-@options.files("tooth force and time out of contact over the speed")
+@options.files("tooth force and separated time over the speed")
 @option(
     "--full",
-    "amplitudes of all orders in the JSON and NetCDF files (default: none, and those"
-    " excited)",
+    "write amplitudes of all orders (default: none in the JSON, the excited orders in"
+    " the NetCDF file)",
 )
 @option(
     "--over NAME.FIELD=A:B:COUNT",
-    "go over a number of the scene at the one speed of --rpm: COUNT values from A to B,"
-    " equally far apart, or V1,V2,..., SI units",
+    "sweep a parameter of the scene at the single speed of --rpm: COUNT equally spaced"
+    " values from A to B, or V1,V2,..., SI units",
     over,
 )
 @option(
     "--out DIR",
-    "keep what is found in this folder for good (default: until the sweep is done)",
+    "keep stored results in this folder permanently (default: until the sweep is done)",
     to="folder",
 )
 @option(
     "--chunk N",
-    "speeds that are computed and kept together (default 16): fewer lose less, take"
-    " longer",
+    "speeds that are computed and stored together (default 16): with fewer, less is"
+    " lost on interruption, but the sweep takes longer",
     whole,
     default="16",  # a batch of marches
 )
 def sweep() -> None:
     """Many speeds in one call: at which do the teeth hammer?
 
-    Kind of motion, largest tooth force and time out of contact over the speed. Where
-    several motions are possible the train has the one it comes from: each speed starts
-    from its neighbour below (--direction up), above (down), or is reached both ways.
+    Kind of motion, largest tooth force and separated time over the speed. Where several
+    motions are possible, the train stays in the motion from which it comes: each speed
+    starts from the next lower speed (--direction up), the next higher speed (down), or
+    from both in turn.
     """
 
 
@@ -473,8 +482,8 @@ def sweep() -> None:
 @options.GEAR
 @option(
     "--at R",
-    "speed that picture and page show in full, rpm (default: of the largest tooth"
-    " force)",
+    "speed that the picture and the page show in full, rpm (default: that of the"
+    " largest tooth force)",
     read_speed,
 )
 @options.certify(", at the speed of --at")
@@ -484,27 +493,27 @@ def sweep() -> None:
 )
 @option(
     "--tuned SCENE",
-    "on the page, another design, as jaxhb tune writes it",
+    "add another design to the page, as jaxhb tune writes it",
     shell_complete=of_scenes,
 )
 @option(
     "--tolerances",
-    "on the page, the worst case within the [tolerance] table of the scene; takes"
+    "add the worst case within the [tolerance] table of the scene to the page; takes"
     " minutes",
 )
 @option(
     "--tune",
-    "on the page, the design tuned as the [tune] table of the scene asks; takes"
+    "add the design tuned as the [tune] table of the scene specifies to the page; takes"
     " minutes",
 )
 def report() -> None:
     """Several speeds, in normal running and with a misfire.
 
-    With backlash and without, with a misfiring cylinder, or with every cylinder in turn
-    (--misfire each). The plot shows the torque on one gear over the cycle, with the
-    time in the gap shaded. --html writes a page that is printed and signed: the train
-    and its data, natural frequencies, forced orders, what the train does at every
-    speed, limits, accuracy, notes.
+    With and without backlash, in normal running and with a misfiring cylinder, or with
+    every cylinder in turn (--misfire each). The plot shows the torque on one gear over
+    the cycle; times of separated teeth are shaded. --html writes a page to print and
+    sign: the train and its data, natural frequencies, forced response by orders, the
+    motion at every speed, limits, accuracy, notes.
     """
 
 
@@ -518,8 +527,8 @@ def report() -> None:
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
 @option(
     "--robust {worst,p95}",
-    "tune what the worst train within the [tolerance] table does, or what 95 of 100"
-    " stay below",
+    "minimise the response of the worst train within the [tolerance] table, or the"
+    " value below which 95 of 100 trains stay",
     ("worst", "p95"),
 )
 @option("--steps N", "maximum number of steps", whole)
@@ -529,15 +538,15 @@ def report() -> None:
 @option("--seed N", "seed of the random designs (default 0)", count)
 @option("--tolerance T", "as in solve (default 0.01)", share)
 @option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
-@option("--json FILE", "parameters, readings, history (default: as --output, .json)")
-@options.plot("the response before and after and the history")
+@option("--json FILE", "parameters, results, history (default: as --output, .json)")
+@options.plot("the response before and after tuning, and the history")
 def tune() -> None:
-    """Find the dampers (or any numbers) that cure it, by gradient.
+    """Find the best dampers (or other parameters) by gradient.
 
-    Changes numbers of a scene within bounds to make a response small over a range of
-    speeds. The [tune] table of the scene sets what changes and what is minimised:
-    docs/how_to/tune.md has all of it. Every step writes the tuned scene and the
-    history, so Ctrl-C leaves the best design so far; the exit status is then 130.
+    Changes parameters of a scene within bounds to minimise a response over a range of
+    speeds. The [tune] table of the scene states what changes and what is minimised: see
+    docs/how_to/tune.md. Every step writes the tuned scene and the history, so Ctrl-C
+    leaves the best design so far; the exit status is then 130.
     """
 
 
@@ -553,12 +562,15 @@ def tune() -> None:
 @options.RPM
 @option(
     '--of "QUANTITY of ELEMENT"',
-    'what is judged, as "shaft torque of cyl6|flywheel"; may be repeated (default: the'
-    " largest tooth force, torque, heat of a damper and stress over its limit)",
+    'quantity to evaluate, e.g. "shaft torque of cyl6|flywheel"; may be repeated'
+    " (default: the largest tooth force, torque, heat of a damper and stress relative"
+    " to its limit)",
     multiple=True,
 )
 @option(
-    "--samples N", "random trains whose 5, 50 and 95 % are told (default: none)", count
+    "--samples N",
+    "number of random trains, for the 5th, 50th and 95th percentiles (default: none)",
+    count,
 )
 @option("--seed N", "seed of the sample and of the search (default 0)", count)
 @option(
@@ -566,15 +578,15 @@ def tune() -> None:
 )
 @option("--tolerance T", "as in solve", share, default="0.01", show_default=True)
 @options.files(
-    "as the scene is, the worst case and the sample over the speed", spectra=False
+    "the nominal train, the worst case and the sample over the speed", spectra=False
 )
 def tolerance() -> None:
-    """The worst case of tolerances and wear, and which number makes it.
+    """The worst case of tolerances and wear, and its causes.
 
-    The [tolerance] table of the scene says how far numbers may be from theirs; a worn
-    train is a [scenario.NAME] (--scenario). At each speed the largest force, torque and
-    heat within the tolerances is searched by gradient, and what the train does there is
-    told: docs/how_to/tolerances.md.
+    The [tolerance] table of the scene states how far parameters may deviate from their
+    values; a worn train is a [scenario.NAME] (--scenario). At each speed a gradient
+    search finds the largest force, torque and heat within the tolerances, and the
+    motion in that case is reported: see docs/how_to/tolerances.md.
     """
 
 
@@ -587,28 +599,26 @@ def tolerance() -> None:
 )
 @options.SCENE
 @options.RPM
-@option(
-    "--phase NAME", "the [[phase]] that is turned (default: the only one)", to="name"
-)
+@option("--phase NAME", "the [[phase]] to vary (default: the only one)", to="name")
 @option(
     '--of "QUANTITY of ELEMENT"',
-    'what is judged, as "shaft torque of line"; may be repeated (default: every tooth'
-    " force and shaft torque)",
+    'quantity to evaluate, e.g. "shaft torque of line"; may be repeated (default: every'
+    " tooth force and shaft torque)",
     multiple=True,
 )
 @option(
     "--phases N",
-    "phases of the scan (default: 24; without backlash 16 for each harmonic)",
+    "number of phases of the scan (default: 24; without backlash 16 per harmonic)",
     whole,
 )
 @options.JSON
 @option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
 def phase() -> None:
-    """Two engines on one gear: the worst angle between them.
+    """Two engines on one gear: the worst phase angle between them.
 
-    A [[phase]] of the scene turns all that one engine excites. Without backlash its
-    worst phase is found exactly over the full circle, with backlash by solving all
-    round: docs/how_to/strength.md.
+    A [[phase]] of the scene delays the whole excitation of one engine. Without
+    backlash its worst angle is found exactly over the full circle, with backlash by
+    solving at many angles: see docs/how_to/strength.md.
     """
 
 
@@ -626,8 +636,8 @@ def phase() -> None:
 )
 @option(
     "--fit NAME.FIELD=LOW:HIGH",
-    "a number to fit and its bounds, SI units; may be repeated (default: those of the"
-    " [tolerance] table)",
+    "a parameter to fit and its bounds, SI units; may be repeated (default: those of"
+    " the [tolerance] table)",
     bounded,
     multiple=True,
 )
@@ -640,21 +650,22 @@ def phase() -> None:
 )
 @option(
     "--weak-cylinder",
-    "tell instead which cylinder has less gas torque than the others",
+    "find the cylinder that burns less than the others instead",
     to="weak",
 )
 @option(
     "--output FILE.toml",
-    "write the scene with the fitted numbers and their [tolerance]",
+    "write the scene with the fitted parameters and their [tolerance] table",
 )
 @options.JSON
-@options.plot("what was measured and what is computed over the speed")
+@options.plot("measured and computed values over the speed")
 def identify() -> None:
     """Which stiffness, damping or cylinder explains a measurement?
 
-    Fits numbers of a scene to measured orders of torque, angle, speed or acceleration
-    (columns rpm, order, element, quantity, amplitude, phase), teeth in contact, and
-    says how well the data determine them: docs/how_to/measurements.md.
+    Fits parameters of a scene to measured orders of torque, angle, speed or
+    acceleration (columns rpm, order, element, quantity, amplitude, phase), with teeth
+    in contact, and states how well the data determine them: see
+    docs/how_to/measurements.md.
     """
 
 
@@ -670,7 +681,7 @@ SHELLS = ("bash", "zsh", "fish", "powershell")
     help=", ".join(SHELLS),
 )
 def completion(shell: str) -> int:
-    """Print what makes a shell complete commands, options and names.
+    """Print shell code that completes commands and names.
 
     In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish |
     source.

@@ -265,9 +265,7 @@ SCENE_ARGUMENT = click.argument(
     help="a packaged scene (jaxhb scenes) or the path of a file",
     shell_complete=of_scenes,
 )
-QUIET = option(
-    "--quiet", "print nothing but what is wrong: for files and the exit status"
-)
+QUIET = option("--quiet", "print errors only; use files and the exit status")
 SET = option(
     "--set NAME.FIELD=VALUE",
     'change a value of the scene, SI units: "crank damper.damping=300",'
@@ -280,21 +278,21 @@ SCENE = together(
     SCENE_OF_TUNING,
     option(
         "--scenario NAME",
-        "take what [scenario.NAME] of the scene changes; may be repeated, and all:"
-        " every one in turn, in which each quantity is largest",
+        "apply the changes of [scenario.NAME] of the scene; may be repeated; all:"
+        " every scenario in turn, with the worst one for each quantity",
         to="scenarios",
         multiple=True,
     ),
     option(
         "--links-at hz=VALUE",
-        "make links that vary constant: as they are at this frequency (hz), amplitude"
-        " (rad) or speed (rpm)",
+        "make variable links constant, with their values at this frequency (hz),"
+        " amplitude (rad) or speed (rpm)",
         place,
         multiple=True,
     ),
     option(
         "--viscous HZ",
-        "turn loss factors into viscous damping that takes as much at this"
+        "turn loss factors into viscous damping that dissipates the same power at this"
         " frequency, Hz",
         positive,
     ),
@@ -305,14 +303,14 @@ not hold.
 
 RPM = option(
     "--rpm A:B:COUNT",
-    "speeds of the reference rotor, rpm: COUNT from A to B, equally far apart, or a"
+    "speeds of the reference rotor, rpm: COUNT equally spaced speeds from A to B, or a"
     " list R1,R2,...",
     read_speeds,
     required=True,
 )
 MEAN_LOAD = option(
     "--at R",
-    "teeth as stiff as they are under the mean load of this speed, rpm (default: in"
+    "use the tooth stiffness under the mean load of this speed, rpm (default: teeth in"
     " contact)",
     read_speed,
 )
@@ -322,15 +320,15 @@ MOTION = together(
     ),
     option(
         "--tolerance T",
-        "largest truncation error, as a share of the largest tooth force",
+        "largest truncation error, relative to the largest tooth force",
         share,
         default="0.01",
         show_default=True,
     ),
     option(
         "--orbit",
-        "a periodic solution, stable or not (a note says which), instead of what the"
-        " train does",
+        "compute a periodic solution, stable or not (a note says which), instead of"
+        " what the train does",
     ),
 )
 """Which motion is asked for, and how exactly."""
@@ -348,14 +346,14 @@ def misfire(more: str = "") -> Callable:
     return together(
         option(
             "--misfire CYLINDER",
-            "this cylinder does not fire: no injection, compression stays (as rules of"
-            f" classification ask); may be repeated{more}",
+            "this cylinder does not fire: no injection, compression remains (as"
+            f" classification rules require); may be repeated{more}",
             multiple=True,
             shell_complete=cylinders,
         ),
         option(
             "--cut-off CYLINDER",
-            "this cylinder has no gas torque at all, neither of combustion nor of"
+            "this cylinder has no gas torque at all, neither from combustion nor from"
             f" compression; may be repeated{more}",
             multiple=True,
             shell_complete=cylinders,
@@ -363,15 +361,15 @@ def misfire(more: str = "") -> Callable:
     )
 
 
-EACH_MISFIRE = misfire("; each: every cylinder in turn, and which is the worst")
+EACH_MISFIRE = misfire("; each: every cylinder in turn, and the worst one")
 
 
 def certify(where: str = "") -> Callable:
     """A computed bound."""
     return option(
         "--certify",
-        f"a computed bound on how far off tooth forces can be{where}: double precision,"
-        " no proof; half a minute",
+        f"compute a bound on the error of the tooth forces{where}: in double precision,"
+        " no proof; takes half a minute",
     )
 
 
@@ -384,15 +382,15 @@ def plot(picture: str) -> Callable:
 
 JSON = option(
     "--json FILE",
-    "all numbers in full precision, SI units; -: on standard output instead of the"
-    " tables",
+    "write all results in full precision, SI units; -: to standard output instead of"
+    " the tables",
 )
 ORDERS = option(
     "--orders M",
-    "list amplitudes in files up to this order (default: all; of a sweep none)",
+    "list amplitudes in files up to this order (default: all; for a sweep none)",
     positive,
 )
-CSV = option("--csv FILE", "write one row per answer for spreadsheets, SI units")
+CSV = option("--csv FILE", "write one row per result for spreadsheets, SI units")
 NETCDF = option(
     "--netcdf FILE.nc",
     "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])",
