@@ -14,7 +14,6 @@ from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.files.output import as_csv
-from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
@@ -24,8 +23,17 @@ from jaxhb.report.text.strength import (
     strength_record,
 )
 from jaxhb.results.bounds import Certificate
-from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
-from jaxhb.results.record import PERCENT, PerCycle, RecordedSignal
+from jaxhb.results.dataset import as_netcdf, to_xarray
+from jaxhb.results.quantities import (
+    VARIABLES,
+    VIBRATIONS,
+    WITHOUT,
+    WORKED,
+    names_of,
+    read,
+    variables_of,
+)
+from jaxhb.results.record import PerCycle, RecordedSignal
 from jaxhb.results.signal import MISSED, Signal
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import not_firing
@@ -93,10 +101,15 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
         "shafts": of_each(
             "shaft",
             lambda name: (
-                of_signal(answer.torque(name)) | {"power_W": answer.power(name)}
+                of_signal(answer.torque(name)) | _others(answer, name, "shaft")
             ),
         ),
-        "gears": of_each("gear", lambda name: of_signal(answer.gear_torque(name))),
+        "gears": of_each(
+            "gear",
+            lambda name: (
+                of_signal(answer.gear_torque(name)) | _others(answer, name, "gear")
+            ),
+        ),
         "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
     }
     record |= strength_record(answers_strength([answer]), one_speed=True)
@@ -179,13 +192,23 @@ def _signal_record(
     return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
+def _others(answer: Answer, name: str, element: str) -> dict[str, float]:
+    """Numbers of one element that are no signals, by their keys."""
+    keyed = [variable for variable in variables_of(element) if variable.json]
+    numbers = read(answer, name, keyed)
+    return {variable.json: numbers[variable.name] for variable in keyed}
+
+
 def _disk_record(answer: Answer, name: str, angle: Mapping[str, Any]) -> dict[str, Any]:
     """Angle, speed and acceleration of a disk; ``angle`` is the record of the first."""
-    return {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
-        "speed": answer.speed(name).extremes(),
-        "acceleration": answer.acceleration(name).extremes(),
-        "irregularity": answer.irregularity(name),
-    }
+    return (
+        {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")}
+        | {
+            "speed": answer.speed(name).extremes(),
+            "acceleration": answer.acceleration(name).extremes(),
+        }
+        | _others(answer, name, "disk")
+    )
 
 
 def _mesh_record(
@@ -209,7 +232,7 @@ def _mesh_record(
     ]
     record = of_signal(force)
     record["elastic"] = of_signal(force.elastic)
-    record |= {variable: number(answer, name, variable) for variable in CONTACT}
+    record |= _others(answer, name, "mesh")
     record |= {
         "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
@@ -267,69 +290,32 @@ def answer_row(answer: Answer, **first: Any) -> dict[str, Any]:
     return row | (numbers if answer.answered else dict.fromkeys(numbers))
 
 
-def _of_cycle(extreme: str, place: int) -> Callable[[Answer, str], float]:
-    """Reader of a percentile of the tooth force of a mesh over the cycles."""
-    return lambda answer, name: float(
-        getattr(answer.force(name).per_cycle, extreme)[place]
-    )
-
-
-CELLS: dict[str, dict[str, str | Callable[[Answer, str], float]]] = {
-    "mesh": {
-        "mean N": "tooth_force_mean",
-        "max N": "tooth_force_max",
-        "min N": "tooth_force_min",
-        "peak N": "tooth_force_peak",
-        **{
-            f"{extreme} of a cycle {percent} % N": _of_cycle(extreme, i)
-            for extreme in ("max", "peak")
-            for i, percent in enumerate(PERCENT)
-        },
-        "spread of max N": lambda answer, name: answer.force(name).spread.max,
-        "spread of min N": lambda answer, name: answer.force(name).spread.min,
-        "spread of peak N": lambda answer, name: answer.force(name).spread.peak,
-        "max N without backlash": f"tooth_force_max{WITHOUT}",
-        "min N without backlash": f"tooth_force_min{WITHOUT}",
-        "separated fraction": "separated_fraction",
-        "reverse fraction": "reverse_contact_fraction",
-        "impacts per cycle": "impacts_per_cycle",
-        "hardest impact m/s": "hardest_impact",
-    },
-    "gear": {
-        "torque half peak-to-peak N m": "gear_torque_half_peak_to_peak",
-        "torque half peak-to-peak N m without backlash": (
-            f"gear_torque_half_peak_to_peak{WITHOUT}"
-        ),
-    },
-    "shaft": {
-        "torque half peak-to-peak N m": "torque_half_peak_to_peak",
-        "heat W": "heat",
-    },
-    "disk": {
-        "speed half peak-to-peak rad/s": "speed_half_peak_to_peak",
-        "acceleration half peak-to-peak rad/s2": "acceleration_half_peak_to_peak",
-        "irregularity": "irregularity",
-    },
-}
-"""Heads of the columns of every element behind its name, and their variables of data
-sets or readers.
-"""
+def _cells(answer: Answer, name: str, element: str) -> dict[str, float]:
+    """Numbers of one element by heads: of signals, those without backlash, others."""
+    listed = [variable for variable in variables_of(element) if variable.csv]
+    of_signals = [variable for variable in listed if variable.vibration is not None]
+    twice = [variable for variable in listed if variable.without]
+    numbers = read(answer, name, listed)
+    closed = read(answer.without_backlash, name, twice) if twice else {}
+    cells = {variable.head: numbers[variable.name] for variable in of_signals}
+    cells |= {
+        f"{variable.head} without backlash": closed[variable.name] for variable in twice
+    }
+    return cells | {variable.head: numbers[variable.name] for variable in listed}
 
 
 def _numbers(answer: Answer) -> dict[str, Any]:
     """Numbers of the row of an answer by heads, SI units."""
     row = {"load kW": float(answer.balance.load_kW)}
-    for kind, called in (("load", "load torque"), ("ground", "ground reaction")):
+    for variable in (VARIABLES["load_torque"], VARIABLES["ground_reaction"]):
         row |= {
-            f"{name} {called} N m": torque
-            for name, torque in torques_of(answer.balance, kind).items()
+            f"{name} {variable.head}": torque
+            for name, torque in torques_of(answer.balance, variable.element).items()
         }
-    for element, cells in CELLS.items():
+    for element in WORKED:
         for name in names_of(answer.topology)[element]:
-            for head, read in cells.items():
-                row[f"{name} {head}"] = (
-                    read(answer, name) if callable(read) else number(answer, name, read)
-                )
+            cells = _cells(answer, name, element)
+            row |= {f"{name} {head}": number for head, number in cells.items()}
     return row | {
         head: values[0]
         for head, values in strength_columns(answers_strength([answer])).items()
@@ -363,8 +349,12 @@ def trace_csv(answer: Answer) -> list[bytes]:
     assert response is not None  # others are untraceable
     turns = response.topology.revolutions_per_cycle
     signals = {
-        f"{name} {head}": getattr(answer.state, reader)(name)
-        for element, head, reader in TRACES
+        f"{name} {vibration.called} {vibration.unit}": vibration.read(
+            answer.state, name
+        )
+        for element in WORKED
+        for vibration in VIBRATIONS.values()
+        if vibration.element == element
         for name in names_of(answer.topology)[element]
     }
     # At least four time samples for each harmonic of the motion, and so many that no
@@ -390,23 +380,6 @@ def _samples(signal: Signal, count: int) -> np.ndarray:
     return fourier.sample(np.asarray(signal.coefficients), count)
 
 
-TRACES = (
-    ("mesh", "tooth force N", "force"),
-    ("mesh", "deflection m", "deflection"),
-    ("gear", "gear torque N m", "gear_torque"),
-    ("shaft", "torque N m", "torque"),
-    ("disk", "angle rad", "disk"),
-    ("disk", "speed rad/s", "speed"),
-    ("disk", "acceleration rad/s2", "acceleration"),
-)
-"""Columns of a trace: element, head behind its name, and reader."""
-
-# Signals that are listed without backlash too
-LINEAR_TOO = (
-    "torque",
-    "gear_torque",
-    "tooth_force",
-)
 DIMENSIONS = {
     "direction": "in which the sweep went",
     "case": "normal running, and with misfires",
@@ -485,8 +458,12 @@ def _labelled(answers: Sequence[Answer], orders: float | None, every: bool) -> D
             dataset.rpm.values,
             orders=0,
         )
-        prefixes = tuple(f"{signal}_" for signal in LINEAR_TOO)
-        names = [name for name in linear if str(name).startswith(prefixes)]
+        # What gaps change: torques and forces, as far as they are signals
+        names = [
+            name
+            for name, variable in VARIABLES.items()
+            if name in linear and variable.vibration and variable.element != "disk"
+        ]
         dataset = dataset.merge(
             linear[names].rename({name: f"{name}{WITHOUT}" for name in names})
         )
