@@ -190,7 +190,7 @@ def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
     if element in names:
         return []
     near = suggestion(element, names)
-    return [f"there is no {CALLED.get(kind, kind)} {shown(element)}.{near}"]
+    return [f"there is no {CALLED[kind]} {shown(element)}.{near}"]
 
 
 def _repeated(row_at: dict[tuple, _Row], row: _Row) -> list[str]:

@@ -22,8 +22,13 @@ STATISTICS = {
 }
 """Statistics of signals that data sets have, and what they mean."""
 
-CALLED = {"shaft": "shaft or damper"}
-"""Names of kinds of elements for people where they are not those of dimensions."""
+CALLED = {
+    "disk": "disk",
+    "shaft": "shaft or damper",
+    "gear": "gear",
+    "mesh": "mesh",
+}
+"""The elements of dimensions in words."""
 
 WORKED = ("mesh", "gear", "shaft", "disk")
 """Dimensions of the elements that vibrate: what tells most of a train comes first."""
