@@ -208,7 +208,7 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     )
 
 
-@command(cli.New, "inputs", DONE, "new my_engine.toml")
+@command(cli.Arguments, "inputs", DONE, "new my_engine.toml")
 @click.argument(
     "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
 )
@@ -242,7 +242,7 @@ def scenes() -> None:
 @options.SCENE_ARGUMENT
 @options.QUIET
 @option("--expand", "write the cylinders that an [engine] makes")
-@option("--out FILE.toml", "write it there, its tables beside it (default: print it)")
+@options.file("out", "write it there, its tables beside it (default: print it)")
 @option(
     "--referred",
     "print inertias, stiffnesses and dampings instead, actual and referred to the"
@@ -268,7 +268,7 @@ def scene() -> None:
     "speeds of the mean torques, rpm (default: lowest and highest tabulated)",
     read_speeds,
 )
-@option("--json FILE", "write all of it for programs, SI units")
+@options.file("json", "write all of it for programs, SI units")
 def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
@@ -282,7 +282,7 @@ def check() -> None:
 @command(cli.Modes, "linear_commands", DONE, "modes six_cylinder_diesel")
 @options.SCENE
 @options.MEAN_LOAD
-@option("--json FILE", "write frequencies and shapes for programs")
+@options.file("json", "write frequencies and shapes for programs")
 @options.plot(
     "shapes of the first six modes that strain links, with nodes and damping ratios"
 )
@@ -299,7 +299,7 @@ def modes() -> None:
     positive,
 )
 @option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count)
-@option("--json FILE", "write the tables in full precision, SI units")
+@options.file("json", "write the tables in full precision, SI units")
 @options.plot("the residual over the frequency")
 def holzer() -> None:
     """Holzer's table of a train without loops.
@@ -339,8 +339,8 @@ def holzer() -> None:
     show_default=True,
 )
 @options.EACH_MISFIRE
-@option("--json FILE", "write frequencies and critical speeds in full precision")
-@option("--csv FILE", "write one row per critical speed for spreadsheets")
+@options.file("json", "write frequencies and critical speeds in full precision")
+@options.file("csv", "write one row per critical speed for spreadsheets")
 @options.plot("the Campbell diagram")
 def campbell() -> None:
     """Natural frequencies and orders over the speed.
@@ -393,10 +393,7 @@ def forced() -> None:
 @options.MOTION
 @options.certify()
 @options.files("the gear torque and the tooth forces over the cycle")
-@option(
-    "--trace FILE.csv",
-    "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle",
-)
+@options.file("trace")
 @options.GEAR
 def solve() -> None:
     """One speed: do the teeth hammer? Forces, torques, contact.
@@ -478,10 +475,7 @@ def sweep() -> None:
     read_speed,
 )
 @options.certify(", at the speed of --at")
-@option(
-    "--html FILE.html",
-    "write a page to print and sign: one file, no network (needs jaxhb[report])",
-)
+@options.file("html")
 @option(
     "--tuned SCENE",
     "on the page, another design, as jaxhb tune writes it",
@@ -528,8 +522,8 @@ def report() -> None:
 )
 @option("--seed N", "seed of the random designs (default 0)", count)
 @option("--tolerance T", "as in solve (default 0.01)", share)
-@option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
-@option("--json FILE", "parameters, readings, history (default: as --output, .json)")
+@options.file("output", "the tuned scene (default: SCENE_tuned.toml here)")
+@options.file("json", "parameters, readings, history (default: as --output, .json)")
 @options.plot("the response before and after and the history")
 def tune() -> None:
     """Find the dampers (or any numbers) that cure it, by gradient.
@@ -601,8 +595,8 @@ def tolerance() -> None:
     "phases of the scan (default: 24; without backlash 16 for each harmonic)",
     whole,
 )
-@options.JSON
-@option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
+@options.file("json")
+@options.file("csv", "write one row per speed and quantity for spreadsheets, SI units")
 def phase() -> None:
     """Two engines on one gear: the worst angle between them.
 
@@ -643,11 +637,11 @@ def phase() -> None:
     "tell instead which cylinder has less gas torque than the others",
     to="weak",
 )
-@option(
-    "--output FILE.toml",
+@options.file(
+    "output",
     "write the scene with the fitted numbers and their [tolerance]",
 )
-@options.JSON
+@options.file("json")
 @options.plot("what was measured and what is computed over the speed")
 def identify() -> None:
     """Which stiffness, damping or cylinder explains a measurement?

@@ -13,7 +13,7 @@ import numpy as np
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
-from jaxhb.report.files.output import as_csv
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
@@ -23,7 +23,7 @@ from jaxhb.report.text.strength import (
     strength_record,
 )
 from jaxhb.results.bounds import Certificate
-from jaxhb.results.dataset import as_netcdf, to_xarray
+from jaxhb.results.dataset import to_xarray
 from jaxhb.results.quantities import (
     VARIABLES,
     VIBRATIONS,
@@ -341,8 +341,8 @@ def untraceable(answer: Answer) -> str:
     return ""
 
 
-def trace_csv(answer: Answer) -> list[bytes]:
-    """The motion over its period as a CSV file, of an answer that :func:`untraceable`
+def trace(answer: Answer) -> Sheet:
+    """The motion over its period as a table, of an answer that :func:`untraceable`
     has nothing to say about; SI units.
     """
     response = answer.response
@@ -372,7 +372,7 @@ def trace_csv(answer: Answer) -> list[bytes]:
         "time s": 60.0 * turns / answer.rpm * share,
     }
     columns |= {head: _samples(signal, count) for head, signal in signals.items()}
-    return as_csv(list(columns), np.transpose(list(columns.values())))
+    return Sheet(list(columns), np.transpose(list(columns.values())))
 
 
 def _samples(signal: Signal, count: int) -> np.ndarray:
@@ -387,25 +387,25 @@ DIMENSIONS = {
 """Dimensions along which a file has several lists of answers, and what they mean."""
 
 
-def netcdf(
+def labelled(
     sweeps: Mapping[str, Sequence[Answer]],
     orders: float | None,
     *,
     along: str | None = None,
     every: bool = False,
-) -> list[bytes]:
-    """The NetCDF file of answers: lists of them by name in ``sweeps``, of trains with
+) -> Dataset:
+    """The data set of answers: lists of them by name in ``sweeps``, of trains with
     the same elements. ``along`` is the dimension of names, None of one list; ``orders``
     is the highest whose amplitudes are listed, None: the highest of the excitation, or
     with ``every`` of the motions.
     """
     import xarray
 
-    dataset = _labelled(
+    dataset = _data_set(
         [answer for answers in sweeps.values() for answer in answers], orders, every
     )
     if along is None:
-        return [as_netcdf(dataset)]
+        return dataset
     dimension = "value" if "value" in dataset.dims else "rpm"
     ends = np.cumsum([0, *map(len, sweeps.values())])
     sets = [
@@ -413,14 +413,12 @@ def netcdf(
         for first, end in zip(ends[:-1], ends[1:], strict=True)
     ]
     names = xarray.Variable(along, list(sweeps), {"long_name": DIMENSIONS[along]})
-    return [
-        as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))
-    ]
+    return xarray.concat(sets, names, join="outer", combine_attrs="override")
 
 
-def _labelled(answers: Sequence[Answer], orders: float | None, every: bool) -> Dataset:
+def _data_set(answers: Sequence[Answer], orders: float | None, every: bool) -> Dataset:
     """The data set of answers of trains with the same elements, along the speed or the
-    number that a sweep goes over; ``orders`` and ``every`` as of :func:`netcdf`.
+    number that a sweep goes over; ``orders`` and ``every`` as of :func:`labelled`.
     """
     topology = answers[0].topology
     axis = answers[0].axis
