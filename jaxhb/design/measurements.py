@@ -91,7 +91,10 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
     lines_of: dict = {}
     for line in table.lines[1:]:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
-        for text in _line_faults(train, heads, line, row) or _repeated(row_at, row):
+        texts = _line_faults(train, heads, line, row)
+        if not texts and row_at.setdefault(row.place, row) is not row:
+            texts = ["the row is there twice: leave one out."]
+        for text in texts:
             lines_of.setdefault(text, []).append(line.number)
     faults = [
         f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()
@@ -191,11 +194,3 @@ def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
         return []
     near = suggestion(element, names)
     return [f"there is no {CALLED[kind]} {shown(element)}.{near}"]
-
-
-def _repeated(row_at: dict[tuple, _Row], row: _Row) -> list[str]:
-    """Enter a row at its place; or the sentence that there is one already."""
-    if row.place in row_at:
-        return ["the row is there twice: leave one out."]
-    row_at[row.place] = row
-    return []

@@ -41,11 +41,6 @@ def shown_unit(unit: str) -> tuple[float, str]:
     return SHOWN_UNITS.get(unit, (1.0, unit))
 
 
-def unit_of(variable: str) -> str:
-    """Return the SI unit of a variable of a data set."""
-    return VARIABLES[variable.removesuffix(WITHOUT)].unit
-
-
 def drive_sense(answer: Answer, name: str) -> int:
     """Return the sign by which people read the force or torque of a link of an answer
     (:func:`jaxhb.results.motion.drive_sense`); of an unknown motion that of the linear

@@ -157,11 +157,6 @@ def to_xarray(
     )
 
 
-def as_netcdf(data: Dataset) -> bytes:
-    """Bytes of a data set as a NetCDF file (version 3, which everything reads)."""
-    return bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
-
-
 def _numbers(
     motion: Any, topology: Topology
 ) -> tuple[dict[str, Any], dict[str, Spectrum]]:

@@ -2,7 +2,7 @@
 of a motion and of its elements. A new number is an entry of :data:`OF_ELEMENTS`.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -457,19 +457,22 @@ OF_MOTIONS = (
 """Variables of a motion as a whole."""
 
 
-def _by_name(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """Variables by name."""
-    return {variable.name: variable for variable in variables}
-
-
-VARIABLES = _by_name(
-    _statistic(name, statistic)
-    for name, vibration in VIBRATIONS.items()
-    if vibration.labelled
-    for statistic in STATISTICS
-)
-VARIABLES |= _by_name([*OF_SIGNALS, *OF_ELEMENTS])
-"""All variables of elements by name: those of signals first."""
+VARIABLES = {
+    variable.name: variable
+    for variable in (
+        *(
+            _statistic(name, statistic)
+            for name, vibration in VIBRATIONS.items()
+            if vibration.labelled
+            for statistic in STATISTICS
+        ),
+        *OF_SIGNALS,
+        *OF_ELEMENTS,
+    )
+}
+"""All variables of elements by name: those of signals first, and as ``OF_SIGNALS`` has
+them.
+"""
 
 
 def variables_of(element: str) -> list[Variable]:
@@ -477,15 +480,13 @@ def variables_of(element: str) -> list[Variable]:
     return [variable for variable in VARIABLES.values() if variable.element == element]
 
 
-def read(motion: Any, name: str, variables: Iterable[Variable]) -> dict[str, float]:
+def read(motion: Any, name: str, variables: Sequence[Variable]) -> dict[str, float]:
     """Read numbers of an element by the names of their variables; what several are
     parts of is read once.
     """
-    readings: dict[str, Any] = {}
-    numbers = {}
-    for variable in variables:
-        reader = variable.reader
-        if reader not in readings:
-            readings[reader] = getattr(motion, reader)(name)
-        numbers[variable.name] = float(variable.part(readings[reader]))
-    return numbers
+    readers = {variable.reader for variable in variables}
+    readings = {reader: getattr(motion, reader)(name) for reader in readers}
+    return {
+        variable.name: float(variable.part(readings[variable.reader]))
+        for variable in variables
+    }

@@ -61,13 +61,6 @@ class Format:
         return f"{self.option} {self.metavar}"
 
 
-def _netcdf(name: str, data: Any) -> list[bytes]:
-    """The bytes of a data set."""
-    from jaxhb.results.dataset import as_netcdf
-
-    return [as_netcdf(data)]
-
-
 SCENE_ENDINGS = (".toml",)
 
 FORMATS = {
@@ -107,7 +100,10 @@ FORMATS = {
             extra="data",
             libraries=("xarray",),
             content="dataset",
-            write=_netcdf,
+            # Version 3, which everything reads
+            write=lambda name, data: [
+                bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
+            ],
         ),
         Format(
             name="trace",

@@ -6,6 +6,7 @@ arrays of NetCDF files.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from jaxhb.results.quantities import (
     read,
     variables_of,
 )
-from jaxhb.results.record import PerCycle, RecordedSignal
+from jaxhb.results.record import RecordedSignal
 from jaxhb.results.signal import MISSED, Signal
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import not_firing
@@ -55,9 +56,7 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
     def of_each(element: str, record: Callable[[str], Any]) -> dict[str, Any]:
         return {name: record(name) for name in names_of(answer.topology)[element]}
 
-    def of_signal(signal: Signal | RecordedSignal) -> dict[str, Any]:
-        return _signal_record(signal, orders)
-
+    of_signal = partial(_signal_record, orders=orders)
     response = answer.response
     state = answer.state
     recorded = state.record if answer.recorded else None
@@ -76,7 +75,11 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
             "recorded_cycles": None if recorded is None else recorded.cycles,
             "spread": of_each("mesh", lambda name: answer.force(name).spread._asdict()),
             "per_cycle": of_each(
-                "mesh", lambda name: _per_cycle(answer.force(name).per_cycle)
+                "mesh",
+                lambda name: {
+                    extreme: getattr(answer.force(name).per_cycle, extreme)
+                    for extreme in ("max", "peak")
+                },
             ),
         },
         "converged": answer.converged,
@@ -116,13 +119,6 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
     if isinstance(answer.certificate, Certificate | str):
         record |= certificate_record(answer.certificate)
     return record
-
-
-def _per_cycle(distribution: PerCycle) -> dict[str, np.ndarray]:
-    """Percentiles of the largest tooth force of a cycle, as it is signed and by its
-    size.
-    """
-    return {"max": distribution.max, "peak": distribution.peak}
 
 
 def on_scene(*trains: DriveTrain) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from jaxhb.report.quantities import (
     number,
     number_for_people,
     shown_unit,
-    unit_of,
 )
 from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
@@ -48,7 +47,7 @@ from jaxhb.report.text.strength import (
     largest_shares,
     strength_text,
 )
-from jaxhb.results.quantities import WITHOUT, names_of, variables_of
+from jaxhb.results.quantities import VARIABLES, WITHOUT, names_of, variables_of
 from jaxhb.results.record import PERCENT
 
 RPM, _ = shown_unit("rad/s")
@@ -153,7 +152,11 @@ def element_table(
             if callable(read):
                 cells = [read(answer, row[0]) for row in rows]
             else:
-                factor = 1.0 if callable(way) else shown_unit(unit_of(read))[0]
+                factor = (
+                    1.0
+                    if callable(way)
+                    else shown_unit(VARIABLES[read.removesuffix(WITHOUT)].unit)[0]
+                )
                 cells = [
                     factor * number_for_people(answer, row[0], read) for row in rows
                 ]
@@ -467,7 +470,7 @@ def worst_misfire(cases: Sequence[Case]) -> dict[str, Any] | None:
         "rpm": hardest.answer.rpm,
         "quantity": quantity.called,
         "of": hardest.name,
-        "unit": unit_of(quantity.variable),
+        "unit": quantity.entry.unit,
         "value": hardest.value,
         "firing": quantity.read(cases[0].answers[hardest.place], hardest.name),
     }
