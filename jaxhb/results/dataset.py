@@ -106,18 +106,16 @@ def to_xarray(
         attributes = {"long_name": meaning} | ({"units": unit} if unit else {})
         variables[name] = ((*leading_dims, *row_dims), values, attributes)
 
-    for of_motion in OF_MOTIONS:
-        rows = [
-            np.asarray(numbers.get(of_motion.name, of_motion.unknown))
-            for numbers, _ in answers
-        ]
-        add_variable(of_motion.name, rows, (), of_motion.unit, of_motion.meaning)
-    for variable in VARIABLES.values():
-        dim = variable.element
-        if variable.meaning and dim in dims:
-            nothing = np.full(len(dims[dim]), np.nan)
-            rows = [numbers.get(variable.name, nothing) for numbers, _ in answers]
-            add_variable(variable.name, rows, (dim,), variable.unit, variable.meaning)
+    for variable in (*OF_MOTIONS, *VARIABLES.values()):
+        row_dims = (variable.element,) if variable.element else ()
+        if variable.meaning and {*row_dims} <= dims.keys():
+            shape = [len(dims[dim]) for dim in row_dims]
+            nothing = np.full(shape, variable.unknown)
+            rows = [
+                np.asarray(numbers.get(variable.name, nothing))
+                for numbers, _ in answers
+            ]
+            add_variable(variable.name, rows, row_dims, variable.unit, variable.meaning)
     for name, vibration in VIBRATIONS.items():
         dim = vibration.element
         if vibration.orders and dim in dims and "order" in dims:
