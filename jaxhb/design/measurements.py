@@ -24,8 +24,8 @@ class Measured:
     """Measured amplitudes, a row for each ``(R,)``.
 
     rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders;
-    element, quantity : tuples of names, of a shaft, damper or disk and of ``MEASURED``
-    in :mod:`jaxhb.results.quantities`; amplitude, of a cosine, in SI units; phase in
+    element : tuple of names of shafts, dampers or disks; quantity : tuple of "torque",
+    "angle", "speed" or "acceleration"; amplitude, of a cosine, in SI units; phase in
     deg of ``cos(order theta + phase)``, theta the angle of the reference rotor, nan
     where none was measured.
     """

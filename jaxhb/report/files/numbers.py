@@ -104,13 +104,14 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
         "shafts": of_each(
             "shaft",
             lambda name: (
-                of_signal(answer.torque(name)) | _others(answer, name, "shaft")
+                of_signal(answer.torque(name)) | _plain_numbers(answer, name, "shaft")
             ),
         ),
         "gears": of_each(
             "gear",
             lambda name: (
-                of_signal(answer.gear_torque(name)) | _others(answer, name, "gear")
+                of_signal(answer.gear_torque(name))
+                | _plain_numbers(answer, name, "gear")
             ),
         ),
         "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
@@ -188,7 +189,7 @@ def _signal_record(
     return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
-def _others(answer: Answer, name: str, element: str) -> dict[str, float]:
+def _plain_numbers(answer: Answer, name: str, element: str) -> dict[str, float]:
     """Numbers of one element that are no signals, by their keys."""
     keyed = [variable for variable in variables_of(element) if variable.json]
     numbers = read(answer, name, keyed)
@@ -203,7 +204,7 @@ def _disk_record(answer: Answer, name: str, angle: Mapping[str, Any]) -> dict[st
             "speed": answer.speed(name).extremes(),
             "acceleration": answer.acceleration(name).extremes(),
         }
-        | _others(answer, name, "disk")
+        | _plain_numbers(answer, name, "disk")
     )
 
 
@@ -228,7 +229,7 @@ def _mesh_record(
     ]
     record = of_signal(force)
     record["elastic"] = of_signal(force.elastic)
-    record |= _others(answer, name, "mesh")
+    record |= _plain_numbers(answer, name, "mesh")
     record |= {
         "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
