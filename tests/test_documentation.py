@@ -16,7 +16,8 @@ import jaxhb
 from jaxhb.cli.main import program
 from jaxhb.elements.elements import TABLES
 from jaxhb.report.compute import Asked, answer_one
-from jaxhb.report.files.numbers import netcdf
+from jaxhb.report.files.formats import FORMATS
+from jaxhb.report.files.numbers import labelled
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -252,7 +253,8 @@ def test_every_variable_of_the_guide_on_files_is_in_a_data_set():
     ]
     forced = jaxhb.forced_response(jaxhb.build(parts), rpm=[900.0])
     answer = answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())
-    (file,) = netcdf({"one": [answer]}, None, along="case")
+    data = labelled({"one": [answer]}, None, along="case")
+    file = b"".join(FORMATS["netcdf"].write("", data))
     reported = xarray.open_dataset(io.BytesIO(file))
     assert shown
     assert shown <= {*forced.to_xarray(), *reported, *reported.coords}

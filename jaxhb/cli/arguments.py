@@ -2,10 +2,11 @@
 :mod:`jaxhb.cli.main` declares them.
 
 A class has the options of one command; those that several commands take are in classes
-that it inherits. Files are named by their paths, None where none is asked for.
+that it inherits.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -17,17 +18,13 @@ Setting = tuple[str, float | str]
 
 @dataclass(frozen=True, kw_only=True)
 class Arguments:
-    """Options of all commands that read a scene."""
+    """Options of all commands that read a scene; ``files`` are paths of those to write,
+    by the names of :data:`jaxhb.report.files.formats.FORMATS`.
+    """
 
     scene: str
     quiet: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class New(Arguments):
-    """Options of ``jaxhb new``, which writes ``file`` as a copy of the ``scene``."""
-
-    file: str
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +32,7 @@ class Scene(Arguments):
     """Options of ``jaxhb scene``."""
 
     expand: bool
-    out: str | None
     referred: bool
-    plot: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,18 +82,8 @@ class Motion(Accuracy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files:
-    """Files of numbers and a picture."""
-
-    json: str | None
-    csv: str | None
-    netcdf: str | None
-    plot: str | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spectra(Files):
-    """Files with amplitudes up to an order, None for all."""
+class Spectra:
+    """Amplitudes in files up to an order, None for all."""
 
     orders: float | None
 
@@ -108,7 +93,6 @@ class Check(Computed):
     """Options of ``jaxhb check``."""
 
     rpm: list[float] | None
-    json: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,8 +100,6 @@ class Modes(Computed):
     """Options of ``jaxhb modes``."""
 
     at: float | None
-    json: str | None
-    plot: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +117,6 @@ class Campbell(Modes, Firing):
     rpm: list[float]
     orders: list[float] | None
     modes: int
-    csv: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +133,6 @@ class Solve(Computed, Firing, Motion, Spectra):
 
     rpm: float
     certify: bool
-    trace: str | None
     gear: str | None
 
 
@@ -178,7 +158,6 @@ class Report(Computed, Firing, Motion, Spectra):
     at: float | None
     gear: str | None
     certify: bool
-    html: str | None
     tuned: str | None
     tolerances: bool
     tune: bool
@@ -195,13 +174,10 @@ class Tune(Changed):
     starts: int | None
     seed: int | None
     tolerance: float | None
-    output: str | None
-    json: str | None
-    plot: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tolerance(Computed, Accuracy, Files):
+class Tolerance(Computed, Accuracy):
     """Options of ``jaxhb tolerance``."""
 
     rpm: list[float]
@@ -218,8 +194,6 @@ class Phase(Computed):
     name: str | None
     of: tuple[str, ...]
     phases: int | None
-    json: str | None
-    csv: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,6 +206,3 @@ class Identify(Computed):
     fit: tuple[tuple[str, tuple[float, float]], ...]
     noise: float
     weak: bool
-    output: str | None
-    json: str | None
-    plot: str | None

@@ -5,7 +5,8 @@ write for programs.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files import numbers, output
 from jaxhb.report.files.compared import of_answers
+from jaxhb.report.files.formats import OF_NUMBERS, deliver, made, named
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from jaxhb.design.descent import Step
     from jaxhb.design.evaluation import Reading
     from jaxhb.design.tuning import Tuning
+    from jaxhb.results.dataset import Dataset
 
 EACH = "each"
 
@@ -57,18 +60,18 @@ def solve(train: DriveTrain, arguments: cli.Solve) -> int:
     with Progress(quiet=arguments.quiet) as progress:
         question = Asked.of(arguments)
         answer = answer_one(train, arguments.rpm, question, progress.say)
-    no_trace = numbers.untraceable(answer) if arguments.trace else ""
+    no_trace = numbers.untraceable(answer) if named(arguments, "trace") else ""
     makers = {
-        "json": lambda: (
+        "record": lambda: (
             numbers.on_scene(train) | numbers.both_record(answer, arguments.orders)
         ),
-        "csv": lambda: output.rows_csv([numbers.answer_row(answer)]),
-        "netcdf": lambda: numbers.netcdf({"": [answer]}, arguments.orders),
-        "plot": lambda: plot_cycle(answer, arguments.gear),
+        "rows": lambda: output.sheet([numbers.answer_row(answer)]),
+        "dataset": lambda: numbers.labelled({"": [answer]}, arguments.orders),
+        "figure": lambda: plot_cycle(answer, arguments.gear),
     }
     if not no_trace:
-        makers["trace"] = lambda: numbers.trace_csv(answer)
-    output.deliver(arguments, solve_text(answer), makers)
+        makers["trace"] = lambda: numbers.trace(answer)
+    deliver(arguments, solve_text(answer), makers)
     compare(arguments, lambda: of_answers([answer]))
     failures = warnings([answer])
     if no_trace:
@@ -106,18 +109,15 @@ def tune(train: DriveTrain, arguments: cli.Tune) -> int:
         result = unfinished.run(compute, left)
     record = tuned_record(train, table, result)
     files.write(result.after.parameters, record)
-    if arguments.plot:
-        figure = plot_tuning(table["objective"], result)
-        output.write_files({arguments.plot: output.as_picture(arguments.plot, figure)})
+    picture = {"figure": lambda: plot_tuning(table["objective"], result)}
+    output.write_files(made(arguments, picture))
     print("\n\n".join(tuned_parts(train, table, result)))
     if not result.interrupted:  # who stops a tuning does not wait for more
         with Progress(quiet=arguments.quiet) as progress:
             checked = check_designs(train, table, result, progress.say)
         files.write(result.after.parameters, record | {"steady_state": checked})
         print(f"\n{check_text(checked)}")
-    print(
-        f"\nThe tuned scene is {arguments.output}, all numbers are in {arguments.json}."
-    )
+    print(f"\nThe tuned scene is {files.output}, all numbers are in {files.json}.")
     if result.interrupted:
         if unfinished.folder:
             print(f"It was stopped; {GOES_ON}.")
@@ -144,11 +144,9 @@ class _TunedFiles:
         self.progress = progress
         self.history: list[Step] = []
         self.start: Reading | None = None
-        assert arguments.output is not None  # named where it was not given
         _, tables = changed_scene(arguments.scene, {})
-        assert arguments.json is not None
-        self.output = arguments.output
-        self.json = arguments.json
+        self.output = arguments.files["output"]
+        self.json = arguments.files["json"]
         self.copies = copies_beside(tables, Path(self.output).parent)
         output.make_folders(self.copies.files)
 
@@ -165,7 +163,7 @@ class _TunedFiles:
         the speeds that are solved.
         """
         if self.history:
-            return f"the best design so far is {self.arguments.output!r}"
+            return f"the best design so far is {self.output!r}"
         solved = 0
         place = ""
         if self.start is not None and self.start.solved.any():
@@ -212,7 +210,7 @@ def check_files(
 ) -> None:
     """Refuse a picture of nothing before anything is computed."""
     topology = train.topology
-    if arguments.plot and not topology.link_names:
+    if "plot" in arguments.files and not topology.link_names:
         raise output.OutputError(
             "--plot: the train has no gears, shafts or dampers, so there is no torque"
             " to draw."
@@ -336,12 +334,12 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
         answers = unfinished.run(compute, left)
         progress.say("reading the results")
         makers = {
-            "json": lambda: files.json(answers, complete=True),
-            "csv": lambda: files.csv(answers),
-            "netcdf": lambda: files.netcdf(answers),
-            "plot": lambda: plot_sweep(answers),
+            "record": lambda: files.record(answers, complete=True),
+            "rows": lambda: files.rows(answers),
+            "dataset": lambda: files.dataset(answers),
+            "figure": lambda: plot_sweep(answers),
         }
-        output.deliver(arguments, sweep_text(answers), makers)
+        deliver(arguments, sweep_text(answers), makers)
     every_answer = [answer for several in answers.values() for answer in several]
     compare(arguments, lambda: of_answers(every_answer))
     unfinished.forget()
@@ -364,44 +362,39 @@ class _SweepFiles:
             self.orders = None
 
     def note(self, answers: Mapping[str, list[Answer]]) -> None:
-        """Write the answers so far; a JSON file of all orders is too large to be
-        written again and again.
+        """Write the answers so far; a record of all orders is too large to be written
+        again and again, as are data sets.
         """
         self.answers = {way: several for way, several in answers.items() if several}
-        self._write(["csv"] if self.arguments.full else ["csv", "json"])
+        self._write(["rows"] if self.arguments.full else ["rows", "record"])
 
-    def _write(self, options: Iterable[str]) -> str:
-        """Write files that were asked for, as soon as there is an answer; their
-        names.
+    def _write(self, contents: Iterable[str]) -> str:
+        """Write files with these contents that were asked for, as soon as there is an
+        answer; their names.
         """
         if not self.answers:
             return ""
-        names = {option: getattr(self.arguments, option) for option in options}
-        written = {
-            option: name
-            for option, name in names.items()
-            if name and name != output.STANDARD_OUTPUT
+        makers = {
+            content: partial(getattr(self, content), self.answers)
+            for content in contents
         }
-        output.write_files(
-            {
-                name: getattr(self, option)(self.answers)
-                for option, name in written.items()
-            }
-        )
-        return " and ".join(map(repr, written.values()))
+        files = made(self.arguments, makers)
+        files.pop(output.STANDARD_OUTPUT, None)
+        output.write_files(files)
+        return " and ".join(map(repr, files))
 
     def left(self, total: int) -> str:
         """A sentence on what a sweep that is stopped leaves."""
         ways = ("up", "down") if self.both else tuple(self.answers) or ("",)
         done = min(len(self.answers.get(way, ())) for way in ways)
-        names = self._write(["json", "csv", "netcdf"])
+        names = self._write(OF_NUMBERS)
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 
-    def json(
+    def record(
         self, answers: Mapping[str, list[Answer]], *, complete: bool = False
-    ) -> Iterator[bytes]:
-        """The JSON file: one list of answers is called responses, two by their
+    ) -> dict[str, Any]:
+        """The record: one list of answers is called responses, two by their
         directions.
         """
         first = next(iter(answers.values()))
@@ -431,8 +424,7 @@ class _SweepFiles:
             if all(judged.values()):  # the scene gives limits
                 records = {way: record["strength"] for way, record in judged.items()}
                 head["strength"] = records if self.both else [*records.values()][0]
-        changes = output.changes(self.arguments)
-        return output.as_json(changes | numbers.on_scene(self.train) | head, **lists)
+        return numbers.on_scene(self.train) | head | lists
 
     def _record(self, answer: Answer) -> bytes:
         """The record of an answer, made once but for those of all orders."""
@@ -443,18 +435,18 @@ class _SweepFiles:
             self.records[id(answer)] = (answer, record)
         return self.records[id(answer)][1]
 
-    def csv(self, answers: Mapping[str, list[Answer]]) -> list[bytes]:
-        """The CSV file, one row per answer."""
+    def rows(self, answers: Mapping[str, list[Answer]]) -> output.Sheet:
+        """One row per answer."""
         rows = []
         for way, several in answers.items():
             for answer in several:
                 first = {} if self.axis == SPEED else {self.axis.label: answer.place}
                 rows.append(numbers.answer_row(answer, **first, direction=way))
-        return output.rows_csv(rows)
+        return output.sheet(rows)
 
-    def netcdf(self, answers: Mapping[str, list[Answer]]) -> list[bytes]:
-        """The NetCDF file."""
-        return numbers.netcdf(
+    def dataset(self, answers: Mapping[str, list[Answer]]) -> Dataset:
+        """The labelled arrays."""
+        return numbers.labelled(
             answers,
             self.arguments.orders,
             along="direction" if len(answers) > 1 else None,

@@ -15,6 +15,7 @@ from jaxhb.design.quantities import Parameter
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.report.figures.speeds import plot_identified
 from jaxhb.report.files import output
+from jaxhb.report.files.formats import deliver
 from jaxhb.report.orders import order_names
 from jaxhb.report.text.identified import (
     identified_record,
@@ -43,14 +44,15 @@ def identify(train: DriveTrain, arguments: cli.Identify) -> int:
             train, rows, parameters=parameters, noise=arguments.noise, priors=priors
         )
     makers = {
-        "json": lambda: identified_record(fitted),
-        "plot": lambda: plot_identified(fitted),
+        "record": lambda: identified_record(fitted),
+        "figure": lambda: plot_identified(fitted),
     }
-    output.deliver(arguments, identified_text(fitted), makers)
-    if arguments.output:
-        _write(arguments, arguments.output, fitted)
+    deliver(arguments, identified_text(fitted), makers)
+    path = arguments.files.get("output")
+    if path:
+        _write(arguments, path, fitted)
         if not arguments.quiet:
-            print(f"\nThe scene with the fitted numbers is {arguments.output}.")
+            print(f"\nThe scene with the fitted numbers is {path}.")
     return output.ANSWERED
 
 
@@ -58,14 +60,14 @@ def _find_weak_cylinder(
     train: DriveTrain, rows: Measured, arguments: cli.Identify
 ) -> int:
     """Name the cylinder that explains measured orders."""
-    if arguments.fit or arguments.output or arguments.plot:
+    if arguments.fit or {"output", "plot"} & {*arguments.files}:
         raise output.OutputError(
             "--weak-cylinder: it fits no number. Leave out --fit, --output and --plot."
         )
     weak = weak_cylinder(train, rows, noise=arguments.noise)
     scene = {"scene": train.topology.name}
     text = weak_text(weak, order_names(train))
-    output.deliver(arguments, text, {"json": lambda: scene | weak_record(weak)})
+    deliver(arguments, text, {"record": lambda: scene | weak_record(weak)})
     return output.ANSWERED if weak.explains else output.NOT_ANSWERED
 
 

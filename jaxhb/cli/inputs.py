@@ -6,62 +6,18 @@ import dataclasses
 import importlib.util
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from jaxhb.cli import arguments as cli
 from jaxhb.report.files import output
+from jaxhb.report.files.formats import FORMATS
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.input_files import Unreadable, read_bytes
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 from jaxhb.train.drivetrain import DriveTrain
 
-WRITTEN = (
-    "file",
-    "output",
-    "out",
-    "json",
-    "csv",
-    "netcdf",
-    "trace",
-    "plot",
-    "html",
-)
-"""Names of the arguments that are files to write."""
-
-SCENE_ENDINGS = (".toml",)
 TUNED_BY = {"output": b"tuned by jaxhb tune", "json": b'"history"'}
 """Bytes by which the files of a tuning are known."""
-
-
-@dataclass(frozen=True)
-class FileKind:
-    """A kind of file: its name for people, how its names end (by default as they are
-    given), the libraries that write it and the extra that brings them.
-    """
-
-    name: str = "file"
-    endings: tuple[str, ...] = ()
-    need: str = ""
-    extra: str = ""
-    libraries: tuple[str, ...] = ()
-
-
-KINDS = {
-    "file": FileKind("scene", SCENE_ENDINGS),
-    "out": FileKind("scene", SCENE_ENDINGS),
-    "plot": FileKind(
-        "picture", (".png", ".svg", ".pdf"), "pictures need", "plot", ("matplotlib",)
-    ),
-    "netcdf": FileKind(need="such files need", extra="data", libraries=("xarray",)),
-    "html": FileKind(
-        "page",
-        (".html", ".htm"),
-        "the page needs",
-        "report",
-        ("jinja2", "plotly", "matplotlib"),
-    ),
-}
 
 
 def scenes() -> int:
@@ -73,9 +29,9 @@ def scenes() -> int:
     return 0
 
 
-def new(arguments: cli.New) -> int:
+def new(arguments: cli.Arguments) -> int:
     """Write a scene to begin with, and its tables beside it."""
-    file = arguments.file
+    file = arguments.files["file"]
     path = Path(file)
     check_files(arguments)
     if path.exists():
@@ -98,8 +54,8 @@ def scene(arguments: cli.Scene) -> int:
     names, or draw the train.
     """
     check_files(arguments)
-    plot = arguments.plot
-    out = arguments.out
+    plot = arguments.files.get("plot")
+    out = arguments.files.get("out")
     text, tables = scene_text(arguments.scene, expand=arguments.expand)
     files: dict[str, Iterable[bytes] | bytes] = {}
     if plot:
@@ -154,63 +110,56 @@ def check_files(
     """Refuse what cannot be written, by the name of the option that was given;
     ``options`` are those under which files stand that the user did not name.
     """
-    named: dict[str, str | None] = {
-        name: getattr(arguments, name, None) for name in WRITTEN
-    }
-    files = {name: path for name, path in named.items() if path}
+    files = arguments.files
     scenes = [arguments.scene, getattr(arguments, "tuned", None)] if files else []
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     for name, path in files.items():
-        option = (options or {}).get(name) or _option(name)
-        output.check_output(option, path, inputs)
-        kind = KINDS.get(name, FileKind())
-        ending = Path(path).suffix.lower()
-        if ending not in (kind.endings or [ending]):
+        form = FORMATS[name]
+        option = (options or {}).get(name) or form.option
+        output.check_output(option, path, inputs, streamed=form.streamed)
+        if form.endings and Path(path).suffix.lower() not in form.endings:
             raise output.OutputError(
-                f"{option}: {path!r} is no {kind.name}. Give a name that ends in"
-                f" {', '.join(kind.endings)}."
+                f"{option}: {path!r} is no {form.kind}. Give a name that ends in"
+                f" {', '.join(form.endings)}."
             )
         missing = [
             library
-            for library in kind.libraries
+            for library in form.libraries
             if importlib.util.find_spec(library) is None
         ]
         if missing:
             raise output.OutputError(
-                f"{option}: {kind.need} {', '.join(missing)}. Install it: pip install"
-                f' "jaxhb[{kind.extra}]".'
+                f"{option}: {form.need} {', '.join(missing)}. Install it: pip install"
+                f' "jaxhb[{form.extra}]".'
             )
     if len({Path(path).resolve() for path in files.values()}) < len(files):
+        options_of_files = " and ".join(FORMATS[name].option for name in files)
         raise output.OutputError(
-            f"{' and '.join(map(_option, files))} name the same file. Give each its"
-            " own."
+            f"{options_of_files} name the same file. Give each its own."
         )
-
-
-def _option(name: str) -> str:
-    """How people know the argument of a file."""
-    return "FILE" if name == "file" else f"--{name}"
 
 
 def checked_tuning(arguments: cli.Tune) -> cli.Tune:
     """The arguments of a tuning with names for the files that were not named; none of
     those may hold anything else, and all can be written.
     """
-    if arguments.json == output.STANDARD_OUTPUT:
+    files = arguments.files
+    if files.get("json") == output.STANDARD_OUTPUT:
         raise output.OutputError(
             "--json: a tuning writes it again at every step. Give the name of a file."
         )
-    tuned = arguments.output or f"{Path(arguments.scene).stem}_tuned.toml"
-    json = arguments.json or str(Path(tuned).with_suffix(".json"))
-    named = dataclasses.replace(arguments, output=tuned, json=json)
-    defaults = [name for name in TUNED_BY if getattr(arguments, name) is None]
+    tuned = files.get("output", f"{Path(arguments.scene).stem}_tuned.toml")
+    every = {"output": tuned, "json": str(Path(tuned).with_suffix(".json"))}
+    every |= files
+    defaults = [name for name in TUNED_BY if name not in files]
     for name in defaults:
-        path = Path(getattr(named, name))
+        path = Path(every[name])
         if path.is_file() and not _holds(path, TUNED_BY[name]):
             raise output.OutputError(
                 f"--output: {str(path)!r} is there and is not from jaxhb tune. Name the"
                 " tuned scene yourself."
             )
+    named = dataclasses.replace(arguments, files=every)
     check_files(named, dict.fromkeys(defaults, "--output"))
     return named
 

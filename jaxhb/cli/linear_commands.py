@@ -23,8 +23,9 @@ from jaxhb.linear.tangent import at_mean_load, with_slopes
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.compared import of_forced
+from jaxhb.report.files.formats import deliver, named
 from jaxhb.report.files.numbers import not_firing_record
-from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, deliver, rows_csv
+from jaxhb.report.files.output import ANSWERED, OutputError, Sheet, sheet
 from jaxhb.report.orders import order_names
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text import forced as forced_text, linear as linear_text
@@ -38,7 +39,6 @@ from jaxhb.report.text.scene_check import (
 )
 from jaxhb.report.text.sentences import firing_lines, remarks_text
 from jaxhb.report.text.strength import strength_text
-from jaxhb.results.dataset import as_netcdf
 from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
@@ -77,7 +77,7 @@ def check(train: DriveTrain, arguments: cli.Check) -> int:
         record |= {"modes": linear_text.modes_record(modes, kinds, ratios)}
         parts += remarks_text(linear_text.approximations(constant), "Of the modes")
     text = "\n\n".join([*parts, *remarks_text(remarks)])
-    deliver(arguments, text, {"json": lambda: record})
+    deliver(arguments, text, {"record": lambda: record})
     return status(forced_text.forced_failures(response))
 
 
@@ -88,7 +88,7 @@ def modes(train: DriveTrain, arguments: cli.Modes) -> int:
     (train,) = teeth.trains
     modes, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
-    if arguments.plot and not elastic:
+    if "plot" in arguments.files and not elastic:
         raise OutputError(
             "--plot: no mode strains a link, so there is no shape to draw."
         )
@@ -99,8 +99,8 @@ def modes(train: DriveTrain, arguments: cli.Modes) -> int:
         parts += linear_text.energies_text(modes, kinds)
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     makers = {
-        "json": lambda: linear_text.modes_record(modes, kinds, ratios) | teeth.record,
-        "plot": lambda: plot_modes(train, modes, elastic, ratios),
+        "record": lambda: linear_text.modes_record(modes, kinds, ratios) | teeth.record,
+        "figure": lambda: plot_modes(train, modes, elastic, ratios),
     }
     deliver(arguments, "\n\n".join(parts), makers)
     return ANSWERED
@@ -125,8 +125,8 @@ def holzer(train: DriveTrain, arguments: cli.Holzer) -> int:
     parts: list[str] = [linear_text.holzer_text(tables, name, teeth.title)]
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     makers = {
-        "json": lambda: linear_text.holzer_record(tables, name) | teeth.record,
-        "plot": lambda: plot_holzer(train, tables, zeros),
+        "record": lambda: linear_text.holzer_record(tables, name) | teeth.record,
+        "figure": lambda: plot_holzer(train, tables, zeros),
     }
     deliver(arguments, "\n\n".join(parts), makers)
     return ANSWERED
@@ -170,13 +170,13 @@ def campbell(train: DriveTrain, arguments: cli.Campbell) -> int:
         diagram, count, name, misfires, names, teeth.title, lines, compared
     )
     makers = {
-        "json": lambda: (
+        "record": lambda: (
             linear_text.campbell_record(diagram, count, name, misfires, worst)
             | not_firing_record(*trains.values())
             | teeth.record
         ),
-        "csv": lambda: as_csv(*linear_text.campbell_rows(diagram, misfires, titles)),
-        "plot": lambda: plot_campbell(diagram, count, name, names),
+        "rows": lambda: Sheet(*linear_text.campbell_rows(diagram, misfires, titles)),
+        "figure": lambda: plot_campbell(diagram, count, name, names),
     }
     parts = [text, *teeth.notes, *remarks_text(train.topology.notes)]
     deliver(arguments, "\n\n".join(parts), makers)
@@ -205,10 +205,11 @@ def forced(train: DriveTrain, arguments: cli.Forced) -> int:
     rpm = arguments.rpm
     orders = arguments.orders
     trains = misfire_trains(train, arguments, each=True)
-    if len(trains) > 1 and arguments.netcdf:
+    one_train = [name for name in named(arguments, "dataset") if len(trains) > 1]
+    if one_train:
         raise OutputError(
-            "--netcdf: it holds one train, and --misfire each takes several. Leave one"
-            " of them out."
+            f"--{one_train[0]}: it holds one train, and --misfire each takes several."
+            " Leave one of them out."
         )
     cases = {
         cylinder: forced_response(one_train, rpm=rpm)
@@ -244,18 +245,18 @@ def forced(train: DriveTrain, arguments: cli.Forced) -> int:
     notes = linear_text.approximations(train, rpm, response)
     parts += remarks_text([*train.topology.notes, *notes])
     makers = {
-        "json": lambda: (
+        "record": lambda: (
             not_firing_record(*trains.values())
             | forced_text.forced_record(cases, readings, judged, worst, orders=orders)
             | {"notes": notes}
         ),
         # An order that a response does not have has no column there: its amplitude is
         # 0.
-        "csv": lambda: rows_csv(
+        "rows": lambda: sheet(
             forced_text.forced_rows(cases, readings, judged), missing=0.0
         ),
-        "netcdf": lambda: [as_netcdf(response.to_xarray(orders=orders))],
-        "plot": lambda: plot_forced(cases, readings, worst),
+        "dataset": lambda: response.to_xarray(orders=orders),
+        "figure": lambda: plot_forced(cases, readings, worst),
     }
     deliver(arguments, "\n\n".join(parts), makers)
     compare(arguments, lambda: of_forced(cases, readings, judged))

@@ -209,7 +209,7 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     )
 
 
-@command(cli.New, "inputs", DONE, "new my_engine.toml")
+@command(cli.Arguments, "inputs", DONE, "new my_engine.toml")
 @click.argument(
     "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
 )
@@ -244,8 +244,8 @@ def scenes() -> None:
 @options.SCENE_ARGUMENT
 @options.QUIET
 @option("--expand", "write each [engine] as its individual cylinders")
-@option(
-    "--out FILE.toml",
+@options.file(
+    "out",
     "write the scene to this file, and its tables to the same folder (default: print"
     " it)",
 )
@@ -274,7 +274,7 @@ def scene() -> None:
     "speeds of the mean torques, rpm (default: the lowest and highest speed tabulated)",
     read_speeds,
 )
-@option("--json FILE", "write all results for programs, SI units")
+@options.file("json", "write all results for programs, SI units")
 def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
@@ -288,7 +288,7 @@ def check() -> None:
 @command(cli.Modes, "linear_commands", DONE, "modes six_cylinder_diesel")
 @options.SCENE
 @options.MEAN_LOAD
-@option("--json FILE", "write frequencies and shapes for programs")
+@options.file("json", "write frequencies and shapes for programs")
 @options.plot(
     "shapes of the first six modes that strain links, with nodes and damping ratios"
 )
@@ -305,7 +305,7 @@ def modes() -> None:
     positive,
 )
 @option("--mode K [K ...]", "modes, with the numbers of jaxhb modes", count)
-@option("--json FILE", "write the tables in full precision, SI units")
+@options.file("json", "write the tables in full precision, SI units")
 @options.plot("the residual over the frequency")
 def holzer() -> None:
     """Holzer's table of a train without loops.
@@ -345,8 +345,8 @@ def holzer() -> None:
     show_default=True,
 )
 @options.EACH_MISFIRE
-@option("--json FILE", "write frequencies and critical speeds in full precision")
-@option("--csv FILE", "write one row per critical speed for spreadsheets")
+@options.file("json", "write frequencies and critical speeds in full precision")
+@options.file("csv", "write one row per critical speed for spreadsheets")
 @options.plot("the Campbell diagram")
 def campbell() -> None:
     """Natural frequencies and orders over the speed.
@@ -400,11 +400,7 @@ def forced() -> None:
 @options.MOTION
 @options.certify()
 @options.files("the gear torque and the tooth forces over the cycle")
-@option(
-    "--trace FILE.csv",
-    "write the motion for spreadsheets: forces, torques, angles and speeds over the"
-    " crank angle",
-)
+@options.file("trace")
 @options.GEAR
 def solve() -> None:
     """One speed: do the teeth hammer? Forces, torques, contact.
@@ -487,10 +483,7 @@ def sweep() -> None:
     read_speed,
 )
 @options.certify(", at the speed of --at")
-@option(
-    "--html FILE.html",
-    "write a page to print and sign: one file, no network (needs jaxhb[report])",
-)
+@options.file("html")
 @option(
     "--tuned SCENE",
     "add another design to the page, as jaxhb tune writes it",
@@ -537,8 +530,8 @@ def report() -> None:
 )
 @option("--seed N", "seed of the random designs (default 0)", count)
 @option("--tolerance T", "as in solve (default 0.01)", share)
-@option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
-@option("--json FILE", "parameters, results, history (default: as --output, .json)")
+@options.file("output", "the tuned scene (default: SCENE_tuned.toml here)")
+@options.file("json", "parameters, results, history (default: as --output, .json)")
 @options.plot("the response before and after tuning, and the history")
 def tune() -> None:
     """Find the best dampers (or other parameters) by gradient.
@@ -611,8 +604,8 @@ def tolerance() -> None:
     "number of phases of the scan (default: 24; without backlash 16 per harmonic)",
     whole,
 )
-@options.JSON
-@option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
+@options.file("json")
+@options.file("csv", "write one row per speed and quantity for spreadsheets, SI units")
 def phase() -> None:
     """Two engines on one gear: the worst phase angle between them.
 
@@ -653,11 +646,11 @@ def phase() -> None:
     "find the cylinder that burns less than the others instead",
     to="weak",
 )
-@option(
-    "--output FILE.toml",
+@options.file(
+    "output",
     "write the scene with the fitted parameters and their [tolerance] table",
 )
-@options.JSON
+@options.file("json")
 @options.plot("measured and computed values over the speed")
 def identify() -> None:
     """Which stiffness, damping or cylinder explains a measurement?

@@ -5,10 +5,8 @@ mode in which it is largest.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import itertools
-import json
 import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from jaxhb.cli import arguments as cli
 from jaxhb.cli.inputs import check_files
 from jaxhb.report.files import output
-from jaxhb.scene.csv_tables import unguarded
+from jaxhb.report.files.formats import FORMATS
 from jaxhb.scene.files import load_scene
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -28,11 +26,6 @@ if TYPE_CHECKING:
 EVERY = "all"
 AS_WRITTEN = "as written"
 EACH = "each"
-SEPARATE = ("plot", "netcdf", "html", "trace", "folder")
-"""Arguments that are files of which each mode has one."""
-
-MERGED = ("json", "csv")
-"""Arguments that are files which hold all modes."""
 
 
 def modes(arguments: cli.Changed) -> dict[str, str | None]:
@@ -67,42 +60,46 @@ def each(
     """``run(train, arguments)`` of a command for every mode of :func:`modes`; its exit
     status, the highest of all.
 
-    JSON and CSV files hold all modes, other files have the mode in their name.
+    Some files hold all modes (``merge`` of a Format), others have the mode in their
+    name.
     """
     if isinstance(arguments, cli.Identify):
         raise output.OutputError(
             "--scenario: a measurement was taken in one of them. Name one."
         )
     check_files(arguments)
-    trace = getattr(arguments, "trace", None)
-    if trace == output.STANDARD_OUTPUT:
-        raise output.OutputError(
-            "--trace: each scenario has a file of its own. Give a name."
-        )
+    apart = {
+        name: path for name, path in arguments.files.items() if not FORMATS[name].merge
+    }
+    for name, path in apart.items():
+        if path == output.STANDARD_OUTPUT and FORMATS[name].streamed:
+            raise output.OutputError(
+                f"--{name}: each scenario has a file of its own. Give a name."
+            )
     skipped = _skipped(arguments, scenarios)
     if len(skipped) == len(scenarios):
         reasons = [f"--scenario {title!r}: {why}" for title, why in skipped.items()]
         raise output.OutputError("; ".join(reasons))
-    merged = {name: getattr(arguments, name, None) for name in MERGED}
+    merged = {name: path for name, path in arguments.files.items() if name not in apart}
     quiet = arguments.quiet or output.STANDARD_OUTPUT in merged.values()
     with tempfile.TemporaryDirectory() as folder:
         by_title = {}
         for number, (title, name) in enumerate(scenarios.items()):
             if title in skipped:
                 continue
-            files = {
-                option: _with_title(path, title)
-                for option in SEPARATE
-                if (path := getattr(arguments, option, None))
-            }
-            files |= {
-                option: f"{folder}/{number}.{option}"
-                for option, path in merged.items()
-                if path
-            }
-            by_title[title] = dataclasses.replace(
-                arguments, **files, scenario=name, quiet=quiet, compared=[]
+            one_mode = dataclasses.replace(
+                arguments,
+                files={form: _with_title(path, title) for form, path in apart.items()}
+                | {form: f"{folder}/{number}.{form}" for form in merged},
+                scenario=name,
+                quiet=quiet,
+                compared=[],
             )
+            if isinstance(arguments, cli.Sweep) and arguments.folder:
+                one_mode = dataclasses.replace(
+                    one_mode, folder=_with_title(arguments.folder, title)
+                )
+            by_title[title] = one_mode
         # What one of them refuses is refused before the first is computed.
         trains = {}
         for title, one_mode in by_title.items():
@@ -188,30 +185,16 @@ def _write(
     skipped: Mapping[str, str],
     worst: Mapping[str, Mapping],
 ) -> list[str]:
-    """Write JSON and CSV of modes that are done, and the largest values of all; the
+    """Write files that hold all modes that are done, and the largest values of all; the
     names of the files.
     """
     contents: dict[str, Iterable[bytes]] = {}
-    if getattr(arguments, "csv", None):
-        heads: dict[str, None] = {}
-        rows = []
-        for title, one_mode in by_title.items():
-            with Path(one_mode.csv).open(encoding="utf-8", newline="") as text:
-                names, *lines = (
-                    [unguarded(cell) for cell in cells] for cells in csv.reader(text)
-                )
-            heads |= dict.fromkeys(names)
-            rows += [(title, dict(zip(names, cells, strict=True))) for cells in lines]
-        cells = [[title, *map(row.get, heads)] for title, row in rows]
-        contents[arguments.csv] = output.as_csv(["scenario", *heads], cells)
-    if getattr(arguments, "json", None):
-        records = {
-            title: json.loads(Path(one_mode.json).read_text("utf-8"))
-            for title, one_mode in by_title.items()
-        }
-        contents[arguments.json] = output.as_json(
-            {"scenarios": records, "worst": worst, "skipped": skipped}
-        )
+    together = {"worst": worst, "skipped": skipped}
+    for name in sorted(arguments.files):
+        merge = FORMATS[name].merge
+        if merge is not None:
+            files = {title: mode.files[name] for title, mode in by_title.items()}
+            contents[arguments.files[name]] = merge(files, together)
     output.write_files(contents)
     return list(contents)
 

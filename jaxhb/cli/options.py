@@ -16,6 +16,7 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 from jaxhb.cli import arguments as cli
 from jaxhb.cli.values import place, positive, setting, share, whole
+from jaxhb.report.files.formats import FORMATS, OF_NUMBERS
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
 
@@ -106,7 +107,11 @@ class Command(click.Command):
                 )
         if self.arguments is None:
             return getattr(inputs, self.function_name)()
-        arguments = self.arguments(**ctx.params)
+        files = {name: ctx.params[name] for name in FORMATS if ctx.params.get(name)}
+        options = {
+            name: value for name, value in ctx.params.items() if name not in FORMATS
+        }
+        arguments = self.arguments(**options, files=files)
         if not isinstance(arguments, cli.Changed):
             return getattr(inputs, self.function_name)(arguments)
         scenarios = operating_modes.modes(arguments)
@@ -373,27 +378,21 @@ def certify(where: str = "") -> Callable:
     )
 
 
+def file(name: str, text: str = "") -> Callable:
+    """A file of the format of this name, ``text`` where a command says more of it."""
+    form = FORMATS[name]
+    return option(form.spelled, text or form.text)
+
+
 def plot(picture: str) -> Callable:
     """A picture."""
-    return option(
-        "--plot FILE.png", f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])"
-    )
+    return file("plot", FORMATS["plot"].text.format(picture))
 
 
-JSON = option(
-    "--json FILE",
-    "write all results in full precision, SI units; -: to standard output instead of"
-    " the tables",
-)
 ORDERS = option(
     "--orders M",
     "list amplitudes in files up to this order (default: all; for a sweep none)",
     positive,
-)
-CSV = option("--csv FILE", "write one row per result for spreadsheets, SI units")
-NETCDF = option(
-    "--netcdf FILE.nc",
-    "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])",
 )
 
 
@@ -401,6 +400,9 @@ def files(picture: str, *, spectra: bool = True) -> Callable:
     """Files of numbers, where ``spectra`` are among them with an option of their own,
     and a picture.
     """
+    record, *tables = (
+        file(name) for name, form in FORMATS.items() if form.content in OF_NUMBERS
+    )
     if spectra:
-        return together(JSON, ORDERS, plot(picture), CSV, NETCDF)
-    return together(JSON, plot(picture), CSV, NETCDF)
+        return together(record, ORDERS, plot(picture), *tables)
+    return together(record, plot(picture), *tables)

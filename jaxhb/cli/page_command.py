@@ -30,13 +30,13 @@ from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_case
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
 from jaxhb.report.files.compared import of_answers
-from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene
+from jaxhb.report.files.formats import FORMATS, deliver, named
+from jaxhb.report.files.numbers import answer_row, cases_record, labelled, on_scene
 from jaxhb.report.files.output import (
     NOT_ANSWERED,
     OutputError,
     changed_text,
-    deliver,
-    rows_csv,
+    sheet,
 )
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import case_title, cylinder_of, idle_title
@@ -116,7 +116,7 @@ def report(train: DriveTrain, arguments: cli.Report) -> int:
         text = case_text.cases_text(computed.cases)
     page = None
     whole = True
-    if arguments.html:
+    if named(arguments, "page"):
         from jaxhb.report.page.page import as_page
 
         page, whole = as_page(_report_of(arguments, computed))
@@ -195,19 +195,19 @@ def _deliver(
     orders = arguments.orders
     answers = {case.title: case.answers for case in cases}
     makers = {
-        "json": lambda: (
+        "record": lambda: (
             on_scene(*trains.values()) | cases_record(cases, orders=orders) | worst
         ),
-        "csv": lambda: rows_csv(
+        "rows": lambda: sheet(
             [
                 answer_row(answer, case=case.title)
                 for case in cases
                 for answer in case.answers
             ]
         ),
-        "netcdf": lambda: netcdf(answers, orders, along="case"),
-        "plot": lambda: plot_cycle(cases[0].answers[computed.place], arguments.gear),
-        "html": lambda: page,
+        "dataset": lambda: labelled(answers, orders, along="case"),
+        "figure": lambda: plot_cycle(cases[0].answers[computed.place], arguments.gear),
+        "page": lambda: page,
     }
     parts = [text, second_text(cases, computed.seconds)]
     deliver(arguments, "\n\n".join(filter(None, parts)), makers)
@@ -223,15 +223,13 @@ def _checked_page(train: DriveTrain, arguments: cli.Report) -> DriveTrain | None
     """The second design where its scene is given; refuses what no page can tell, before
     anything is computed.
     """
-    if (arguments.tuned or arguments.tune) and not arguments.html:
-        raise OutputError(
-            f"--{'tune' if arguments.tune else 'tuned'}: the second design appears on"
-            " the page only. Add --html FILE.html."
-        )
-    if arguments.tolerances and not arguments.html:
-        raise OutputError(
-            "--tolerances: they appear on the page only. Add --html FILE.html."
-        )
+    without_page = f"on the page only. Add {FORMATS['html'].spelled}."
+    shown = named(arguments, "page")
+    if (arguments.tuned or arguments.tune) and not shown:
+        option = "tune" if arguments.tune else "tuned"
+        raise OutputError(f"--{option}: the second design appears {without_page}")
+    if arguments.tolerances and not shown:
+        raise OutputError(f"--tolerances: they appear {without_page}")
     if arguments.tune:
         read_table(train)
     if arguments.tolerances:

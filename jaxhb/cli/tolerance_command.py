@@ -21,6 +21,7 @@ from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
 from jaxhb.report.files import numbers, output
 from jaxhb.report.files.compared import of_worst
+from jaxhb.report.files.formats import deliver
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.text.columns import from_rows, plain_number
@@ -62,12 +63,12 @@ def tolerance(train: DriveTrain, arguments: cli.Tolerance) -> int:
         checked = check_spread(spread, progress.say)
     rows = list(tolerance_rows(spread, checked))
     makers = {
-        "json": lambda: numbers.on_scene(train) | tolerance_record(spread, checked),
-        "csv": lambda: output.rows_csv(rows),
-        "netcdf": lambda: [numbers.as_netcdf(spread.to_xarray())],
-        "plot": lambda: plot_tolerance(spread),
+        "record": lambda: numbers.on_scene(train) | tolerance_record(spread, checked),
+        "rows": lambda: output.sheet(rows),
+        "dataset": spread.to_xarray,
+        "figure": lambda: plot_tolerance(spread),
     }
-    output.deliver(arguments, "\n\n".join(tolerance_parts(spread, checked)), makers)
+    deliver(arguments, "\n\n".join(tolerance_parts(spread, checked)), makers)
     compare(arguments, lambda: of_worst(rows))
     unfinished.forget()
     return output.ANSWERED if spread.answered.all() else output.NOT_ANSWERED
@@ -120,10 +121,10 @@ def phase(train: DriveTrain, arguments: cli.Phase) -> int:
         "left_out": worst.left_out,
     }
     makers = {
-        "json": lambda: numbers.on_scene(train) | record,
-        "csv": lambda: output.rows_csv(rows),
+        "record": lambda: numbers.on_scene(train) | record,
+        "rows": lambda: output.sheet(rows),
     }
-    output.deliver(arguments, _phase_text(train, worst), makers)
+    deliver(arguments, _phase_text(train, worst), makers)
     compare(arguments, lambda: of_worst(rows))
     return status(worst.left_out)
 

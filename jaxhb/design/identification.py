@@ -31,7 +31,7 @@ from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.tangent import linear_train
 from jaxhb.results.answers import left_out, solved
-from jaxhb.results.dataset import SIGNALS
+from jaxhb.results.quantities import MEASURED
 from jaxhb.results.status import NotConverged
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -252,9 +252,7 @@ def computed_rows(
     def rows(u: Array) -> tuple[Array, Array]:
         changed = train.replace(shares.named(u))
         response = forced_response(changed, rpm=rpm, harmonics=harmonics)
-        signals = [
-            getattr(response, SIGNALS[quantity][0])(name) for quantity, name in pairs
-        ]
+        signals = [MEASURED[quantity].read(response, name) for quantity, name in pairs]
         sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
         orders = 2 * jnp.stack([signal.coefficients for signal in signals])
         return orders.at[..., 0].set(sums)[places], response.status

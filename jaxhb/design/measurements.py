@@ -9,13 +9,11 @@ import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb.elements.elements import SceneError, cut, shown, suggestion
+from jaxhb.results.quantities import CALLED, MEASURED, names_of
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
 from jaxhb.scene.input_files import Unreadable, read_text
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM
-
-UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad/s2"}
-"""Quantities measured on shafts and dampers or on disks, and their units."""
 
 COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
 
@@ -26,10 +24,10 @@ class Measured:
     """Measured amplitudes, a row for each ``(R,)``.
 
     rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders;
-    element, quantity : tuples of names, of a shaft, damper or disk and of
-    :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of ``cos(order
-    theta + phase)``, theta the angle of the reference rotor, nan where none was
-    measured.
+    element : tuple of names of shafts, dampers or disks; quantity : tuple of "torque",
+    "angle", "speed" or "acceleration"; amplitude, of a cosine, in SI units; phase in
+    deg of ``cos(order theta + phase)``, theta the angle of the reference rotor, nan
+    where none was measured.
     """
 
     rpm: np.ndarray
@@ -93,7 +91,10 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
     lines_of: dict = {}
     for line in table.lines[1:]:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
-        for text in _line_faults(train, heads, line, row) or _repeated(row_at, row):
+        texts = _line_faults(train, heads, line, row)
+        if not texts and row_at.setdefault(row.place, row) is not row:
+            texts = ["the row is there twice: leave one out."]
+        for text in texts:
             lines_of.setdefault(text, []).append(line.number)
     faults = [
         f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()
@@ -182,23 +183,14 @@ def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
 
 def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
     """Sentences on the quantity and the element of a row."""
-    topology = train.topology
     quantity = row.text("quantity")
     element = row.text("element")
-    if quantity not in UNITS:
-        return [f"there is no quantity {shown(quantity)}.{suggestion(quantity, UNITS)}"]
-    names = (
-        topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
-    )
+    if quantity not in MEASURED:
+        near = suggestion(quantity, MEASURED)
+        return [f"there is no quantity {shown(quantity)}.{near}"]
+    kind = MEASURED[quantity].element
+    names = names_of(train.topology)[kind]
     if element in names:
         return []
-    kind = "shaft or damper" if quantity == "torque" else "disk"
-    return [f"there is no {kind} {shown(element)}.{suggestion(element, names)}"]
-
-
-def _repeated(row_at: dict[tuple, _Row], row: _Row) -> list[str]:
-    """Enter a row at its place; or the sentence that there is one already."""
-    if row.place in row_at:
-        return ["the row is there twice: leave one out."]
-    row_at[row.place] = row
-    return []
+    near = suggestion(element, names)
+    return [f"there is no {CALLED[kind]} {shown(element)}.{near}"]

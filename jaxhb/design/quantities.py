@@ -2,10 +2,11 @@
 name.
 """
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from typing import TypeAlias
+from operator import attrgetter
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import inertias
 from jaxhb.linear.strength import having, stress_limits
 from jaxhb.results.motion import Motion
+from jaxhb.results.quantities import CALLED, VIBRATIONS, names_of
+from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -100,23 +103,39 @@ Criterion: TypeAlias = Objective | Penalty
 """A quantity that a tuning reads, to be made small or to be kept within limits."""
 
 
+SWING: dict[str, objectives.Swing] = {
+    "read": objectives.half_peak_to_peak,
+    "exact": attrgetter("half_peak_to_peak"),
+    "sharp": objectives.sharp_half_peak_to_peak,
+    "close": objectives.close_half_peak_to_peak,
+}
+PEAK: dict[str, objectives.Swing] = {
+    "read": Signal.smooth_peak,
+    "exact": attrgetter("peak"),
+    "sharp": attrgetter("peak"),
+    "close": lambda signal: signal.smooth_peak(p=objectives.CLOSE),
+}
+"""Variants of a size. read : smooth; exact, sharp : what ``read`` smooths, at the time
+samples for people, between them to be differentiated; close : smooth, at most 0.8 %
+below ``exact``, for limits.
+"""
+# A share of a limit is not to be missed.
+JUDGED = SWING | {"read": SWING["close"]}
+
+
 @dataclass(frozen=True)
-class Quantity:
+class Measure:
     """A response quantity: its unit, and the kind of element that ``of`` names.
 
-    read : smooth, ``(response, of, order, train) -> (n,)``; exact, sharp : the values
-    that ``read`` smooths, at the time samples for people and between them to be
-    differentiated; close : smooth, at most 0.8 % below ``exact``, for limits; None
-    where that is ``read`` itself; compared : whether a tuned design is compared with
-    its steady states in it
+    value : ``(response, of, order, train, size) -> (n,)``, by a size of signals in one
+    of the variants ``sizes``; ordered : whether it is of one order; compared : whether
+    a tuned design is compared with its steady states in it
     """
 
     unit: str
     kind: str
-    read: Callable[..., Array]
-    exact: Callable[..., Array] | None = None
-    sharp: Callable[..., Array] | None = None
-    close: Callable[..., Array] | None = None
+    value: Callable[[Any, Any, Any, DriveTrain | None, objectives.Swing], Array]
+    sizes: Mapping[str, objectives.Swing] = field(default_factory=lambda: SWING)
     ordered: bool = False
     compared: bool = False
 
@@ -130,134 +149,95 @@ class Quantity:
         """The value for people ``(n,)`` of a Response, or a SteadyState of the
         ``train`` where it is ``compared``.
         """
-        return (self.exact or self.read)(motion, of, order, train)
+        return self.value(motion, of, order, train, self.sizes["exact"])
 
     def differentiated(self, variant: str) -> Callable[..., Array]:
         """The function that a gradient is taken of: "read", "sharp" or "close"."""
-        return getattr(self, variant) or self.read
+        size = self.sizes[variant]
+        return lambda motion, of, order, train: self.value(
+            motion, of, order, train, size
+        )
 
 
-@dataclass(frozen=True)
-class Size:
-    """Readings of one size of a Signal, as those of :class:`Quantity`."""
-
-    read: Callable[[Signal], Array]
-    exact: Callable[[Signal], Array]
-    sharp: Callable[[Signal], Array]
-    close: Callable[[Signal], Array]
-
-
-SWING = Size(
-    read=objectives.half_peak_to_peak,
-    exact=lambda signal: signal.half_peak_to_peak,
-    sharp=objectives.sharp_half_peak_to_peak,
-    close=objectives.close_half_peak_to_peak,
-)
-PEAK = Size(
-    read=Signal.smooth_peak,
-    exact=lambda signal: signal.peak,
-    sharp=lambda signal: signal.peak,
-    close=lambda signal: signal.smooth_peak(p=objectives.CLOSE),
-)
-
-
-def _sized(
-    unit: str, kind: str, reader: Callable[..., Signal], size: Size = SWING
-) -> Quantity:
-    """Make a Quantity of a size of a signal ``(motion, of) -> Signal``."""
-
-    def of_signal(measure: Callable[[Signal], Array]) -> Callable[..., Array]:
-        return lambda motion, of, *_: measure(reader(objectives.usable(motion), of))
-
-    return Quantity(
-        unit,
-        kind,
-        read=of_signal(size.read),
-        exact=of_signal(size.exact),
-        sharp=of_signal(size.sharp),
-        close=of_signal(size.close),
+def _sized(name: str, sizes: Mapping[str, objectives.Swing] = SWING) -> Measure:
+    """Make the Measure of a size of a vibrating quantity."""
+    vibration = VIBRATIONS[name]
+    return Measure(
+        vibration.unit,
+        CALLED[vibration.element],
+        lambda motion, of, order, train, size: size(
+            vibration.read(objectives.usable(motion), of)
+        ),
+        sizes,
         compared=True,
     )
 
 
-def _order(unit: str, kind: str, reader: Callable[..., Signal]) -> Quantity:
-    """Make a Quantity of the amplitude of one order of a signal."""
-
-    def read(
-        motion: Motion, of: str, order: float, _: DriveTrain | None = None
-    ) -> Array:
-        return reader(objectives.usable(motion), of).order(order)
-
-    return Quantity(unit, kind, read, ordered=True, compared=True)
-
-
-def _judged(
-    unit: str, kind: str, value: Callable[..., Array], *, compared: bool = True
-) -> Quantity:
-    """Make a Quantity that is judged by a swing, of ``value(motion, of, train=...,
-    swing=...)``.
-    """
-
-    def by_swing(swing: objectives.Swing) -> Callable[..., Array]:
-        def read(
-            motion: Motion, of: str, _: float | None, train: DriveTrain | None = None
-        ) -> Array:
-            return value(motion, of, train=train, swing=swing)
-
-        return read
-
-    return Quantity(
-        unit,
-        kind,
-        read=by_swing(objectives.close_half_peak_to_peak),
-        exact=by_swing(lambda signal: signal.half_peak_to_peak),
-        sharp=by_swing(objectives.sharp_half_peak_to_peak),
-        compared=compared,
+def _order(name: str) -> Measure:
+    """Make the Measure of the amplitude of one order of a vibrating quantity."""
+    vibration = VIBRATIONS[name]
+    return Measure(
+        vibration.unit,
+        CALLED[vibration.element],
+        lambda motion, of, order, train, size: vibration.read(
+            objectives.usable(motion), of
+        ).order(order),
+        ordered=True,
+        compared=True,
     )
 
 
+def _alone(unit: str, kind: str, value: Callable[[Response, str], Array]) -> Measure:
+    """Make the Measure of a number that is smooth by itself."""
+    return Measure(unit, kind, lambda motion, of, order, train, size: value(motion, of))
+
+
+def _judged(unit: str, kind: str, value: Callable[..., Array]) -> Measure:
+    """Make the Measure of ``value(motion, of, train=..., swing=...)``, of limits."""
+    return Measure(
+        unit,
+        kind,
+        lambda motion, of, order, train, size: value(
+            motion, of, train=train, swing=size
+        ),
+        JUDGED,
+        compared=True,
+    )
+
+
+BETWEEN_TEETH = "mesh with backlash"
+LIMITED = "shaft with a tensile_strength"
+
 QUANTITIES = {
-    "tooth force": _sized("N", "mesh", Motion.force),
-    "tooth force peak": _sized("N", "mesh", Motion.force, PEAK),
-    "tooth force order": _order("N", "mesh", Motion.force),
-    "shaft torque": _sized("N m", "shaft or damper", Motion.torque),
-    "shaft torque order": _order("N m", "shaft or damper", Motion.torque),
-    "gear torque": _sized("N m", "gear", Motion.gear_torque),
-    "angle": _sized("rad", "disk", Motion.disk),
-    "angle order": _order("rad", "disk", Motion.disk),
-    "separated fraction": Quantity(
-        "", "mesh with backlash", lambda r, of, *_: objectives.separated_fraction(r, of)
-    ),
-    "impact severity": Quantity(
-        "m/s", "mesh with backlash", lambda r, of, *_: objectives.impact_severity(r, of)
-    ),
-    "damper power": Quantity(
-        "W", "shaft or damper", lambda r, of, *_: objectives.damper_power(r, of)
-    ),
-    "power over limit": Quantity(
-        "",
-        "shaft or damper with a power_limit",
-        lambda r, of, *_: objectives.power_over_limit(r, of),
+    "tooth force": _sized("tooth_force"),
+    "tooth force peak": _sized("tooth_force", PEAK),
+    "tooth force order": _order("tooth_force"),
+    "shaft torque": _sized("torque"),
+    "shaft torque order": _order("torque"),
+    "gear torque": _sized("gear_torque"),
+    "angle": _sized("angle"),
+    "angle order": _order("angle"),
+    "separated fraction": _alone("", BETWEEN_TEETH, objectives.separated_fraction),
+    "impact severity": _alone("m/s", BETWEEN_TEETH, objectives.impact_severity),
+    "damper power": _alone("W", CALLED["shaft"], objectives.damper_power),
+    "power over limit": _alone(
+        "", f"{CALLED['shaft']} with a power_limit", objectives.power_over_limit
     ),
     "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
-    "stress over continuous limit": _judged(
-        "", "shaft with a tensile_strength", objectives.stress_over_limit
-    ),
+    "stress over continuous limit": _judged("", LIMITED, objectives.stress_over_limit),
     "stress over transient limit": _judged(
-        "",
-        "shaft with a tensile_strength",
-        partial(objectives.stress_over_limit, transient=True),
+        "", LIMITED, partial(objectives.stress_over_limit, transient=True)
     ),
     "tooth torque over limit": _judged(
         "", "mesh with a rated_torque", objectives.tooth_torque_over_limit
     ),
-    "tooth torque over mean": _judged(
+    "tooth torque over mean": Measure(
         "",
         "mesh",
-        lambda r, of, train, swing: objectives.tooth_torque_over_mean(
-            r, of, swing=swing
+        lambda motion, of, order, train, size: objectives.tooth_torque_over_mean(
+            motion, of, swing=size
         ),
-        compared=False,
+        JUDGED,
     ),
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are
@@ -463,13 +443,10 @@ def _element_faults(train: DriveTrain, criterion: Criterion) -> list[str]:
     topology = train.topology
     kind = quantity.kind.removesuffix(" with backlash")
     elements, _, key = kind.partition(" with a ")
-    names = {
-        "mesh": topology.mesh_names,
-        "shaft": topology.shaft_names,
-        "shaft or damper": topology.shaft_and_damper_names,
-        "gear": topology.gear_names,
-        "disk": topology.disk_names,
-    }[elements]
+    names = (
+        names_of(topology)
+        | {"shaft": topology.shaft_names, CALLED["shaft"]: names_of(topology)["shaft"]}
+    )[elements]
     keys = (key, "outer") if key == "diameter" else (key,)
     candidates = (
         [

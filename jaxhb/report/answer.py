@@ -227,7 +227,12 @@ class Answer(Motion):
     @cached_property
     def contacts(self) -> dict[str, SteadyContact]:
         """:class:`SteadyContact` of every mesh by name."""
-        return {name: self.mesh(name) for name in self.topology.mesh_names}
+        return {name: Motion.mesh(self, name) for name in self.topology.mesh_names}
+
+    def mesh(self, a: str, b: str | None = None) -> SteadyContact:
+        """Contact of a mesh, of which all reports read several numbers."""
+        place, _ = self._mesh_index(a, b)
+        return self.contacts[self.topology.mesh_names[place]]
 
     @cached_property
     def details(self) -> dict[str, Contact]:

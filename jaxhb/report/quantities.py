@@ -1,6 +1,4 @@
-"""The quantities of reports, one table over that of data sets: names of elements,
-titles, units for people.
-"""
+"""The numbers of answers as reports show them: elements, signs and units for people."""
 
 from __future__ import annotations
 
@@ -13,8 +11,14 @@ import numpy as np
 
 from jaxhb.report.selection import largest, turning_disks
 from jaxhb.report.text.columns import plain_number
-from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS, names_of as element_names
 from jaxhb.results.motion import drive_sense as sense_of_motion
+from jaxhb.results.quantities import (
+    VARIABLES,
+    WITHOUT,
+    Variable,
+    names_of as element_names,
+    read,
+)
 
 if TYPE_CHECKING:
     from jaxhb.report.answer import Answer, Case
@@ -31,23 +35,10 @@ SHOWN_UNITS = {
 they are.
 """
 
-READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
-READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
-"""Names of the readers of variables of data sets that are not of contact."""
-
-# End of the names of variables that are those with the gaps of meshes closed
-WITHOUT = "_without_backlash"
-
 
 def shown_unit(unit: str) -> tuple[float, str]:
     """Return the factor from an SI unit, and the unit in which people read it."""
     return SHOWN_UNITS.get(unit, (1.0, unit))
-
-
-def unit_of(variable: str) -> str:
-    """Return the SI unit of a variable of a data set."""
-    signal, _ = _parts(variable.removesuffix(WITHOUT))
-    return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
 def drive_sense(answer: Answer, name: str) -> int:
@@ -62,13 +53,20 @@ def number_for_people(answer: Answer, name: str, variable: str) -> float:
     """Read a :func:`number`, of a force or torque of a link in its
     :func:`drive_sense`.
     """
-    signal, statistic = _parts(variable.removesuffix(WITHOUT))
-    if statistic not in TURNED or not of_links(signal) or drive_sense(answer, name) > 0:
+    entry = VARIABLES[variable.removesuffix(WITHOUT)]
+    vibration = entry.vibration
+    other = TURNED.get(entry.statistic)
+    if (
+        other is None
+        or vibration is None
+        or not vibration.of_link
+        or drive_sense(answer, name) > 0
+    ):
         return number(answer, name, variable)
     return -number(
         answer,
         name,
-        variable.replace(f"{signal}_{statistic}", f"{signal}_{TURNED[statistic]}"),
+        variable.replace(entry.name, f"{vibration.name}_{other}"),
     )
 
 
@@ -76,58 +74,47 @@ TURNED = {"mean": "mean", "min": "max", "max": "min"}
 """The statistic whose negative is that of the quantity with the other sign."""
 
 
-def of_links(signal: str) -> bool:
-    """Tell whether a signal of data sets is one of links, whose sign depends on which
-    end is named first.
-    """
-    return SIGNALS[signal][1] in ("shaft", "mesh") if signal in SIGNALS else False
-
-
-def number(motion: Any, name: str, variable: str) -> float:
-    """Read a number of one element of an Answer or Response in SI by its variable in
-    data sets; those of contact are known of Answers only.
-    """
+def number(answer: Answer, name: str, variable: str) -> float:
+    """Read a number of one element of an Answer in SI by its variable in data sets."""
     if variable.endswith(WITHOUT):
-        return number(motion.without_backlash, name, variable.removesuffix(WITHOUT))
-    signal, statistic = _parts(variable)
-    if signal not in READERS:
-        return getattr(motion.contacts[name], signal)
-    reading = getattr(motion, READERS[signal])(name)
-    return float(getattr(reading, statistic) if statistic else reading)
-
-
-def _parts(variable: str) -> tuple[str, str]:
-    """Split a variable into signal and statistic; one of no signal into its name and
-    "".
-    """
-    signal = next(
-        (signal for signal in SIGNALS if variable.startswith(f"{signal}_")), variable
-    )
-    return signal, variable.removeprefix(signal)[1:]
+        return number(answer.without_backlash, name, variable.removesuffix(WITHOUT))
+    return read(answer, name, [VARIABLES[variable]])[variable]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of every element of a kind, by its ``variable`` in data sets:
-    ``element`` heads their column, ``called`` is for sentences and files, ``title`` for
-    tables and figures, ``names`` are those of the elements.
+    """A variable of data sets as reports show it: of the elements ``names``, whose
+    column is headed ``element``.
     """
 
     variable: str
-    element: str
-    called: str
-    title: str
     names: tuple[str, ...]
+    element: str
+
+    @property
+    def entry(self) -> Variable:
+        """Its entry in the table of all numbers."""
+        return VARIABLES[self.variable]
+
+    @property
+    def called(self) -> str:
+        """Its name in sentences and pictures."""
+        return self.entry.called
+
+    @property
+    def title(self) -> str:
+        """The title of tables and figures."""
+        return self.entry.title
 
     @property
     def unit(self) -> str:
         """The unit for people."""
-        return shown_unit(unit_of(self.variable))[1]
+        return shown_unit(self.entry.unit)[1]
 
     @property
     def factor(self) -> float:
         """The factor from SI to the unit for people."""
-        return shown_unit(unit_of(self.variable))[0]
+        return shown_unit(self.entry.unit)[0]
 
     @property
     def small_title(self) -> str:
@@ -137,7 +124,7 @@ class Quantity:
     @property
     def of_signal(self) -> bool:
         """Whether it is a number of a Signal."""
-        return bool(_parts(self.variable)[1])
+        return self.entry.vibration is not None
 
     def read(self, motion: Any, name: str) -> float:
         """Read the number of one element of an Answer or Response, in SI; of "" the
@@ -148,14 +135,16 @@ class Quantity:
 
     def signal(self, motion: Any, name: str) -> Any:
         """Read the Signal of an Answer or Response that it is a number of."""
-        return getattr(motion, READERS[_parts(self.variable)[0]])(name)
+        return getattr(motion, self.entry.reader)(name)
 
     def signal_for_people(self, answer: Answer, motion: Any, name: str) -> Any:
         """Read the Signal of a ``motion``, in the drive sense that the link has in the
         ``answer``.
         """
         signal = self.signal(motion, name)
-        turned = of_links(_parts(self.variable)[0]) and drive_sense(answer, name) < 0
+        vibration = self.entry.vibration
+        assert vibration is not None  # what has a signal
+        turned = vibration.of_link and drive_sense(answer, name) < 0
         return signal.reversed() if turned else signal
 
     def said(self, value: float) -> str:
@@ -188,7 +177,7 @@ class Quantity:
         element = name or self.largest(answer)
         assert element is not None  # only what is known has a spread
         spread = self.signal(answer, element).spread
-        return self.factor * getattr(spread, _parts(self.variable)[1], 0.0)
+        return self.factor * getattr(spread, self.entry.statistic, 0.0)
 
     def largest(self, answer: Answer) -> str | None:
         """Find the element with the largest number at one speed; None where nothing is
@@ -206,47 +195,31 @@ class Quantity:
 
 
 def _quantity(
-    element: str,
-    called: str,
-    title: str,
     variable: str,
+    element: str = "",
     names_of: Callable[[DriveTrain], tuple[str, ...]] | None = None,
 ) -> Callable[[DriveTrain], Quantity]:
-    """Make the function from a train to a quantity of its elements."""
-    names_of = names_of or (lambda train: element_names(train.topology)[element])
-    return lambda train: Quantity(variable, element, called, title, names_of(train))
+    """Make the function from a train to a quantity of its elements: of all that the
+    variable has, or of some that are called ``element``.
+    """
+    kind = VARIABLES[variable].element
+
+    def of(train: DriveTrain) -> Quantity:
+        every = element_names(train.topology)[kind]
+        return Quantity(
+            variable, every if names_of is None else names_of(train), element or kind
+        )
+
+    return of
 
 
-IRREGULARITY = "Cyclic irregularity, (largest - smallest) / mean speed"
-SWING = ", half peak-to-peak"
-
-forces = _quantity("mesh", "tooth force", "Largest tooth force", "tooth_force_peak")
-gear_torques = _quantity(
-    "gear", "gear torque", f"Gear torque{SWING}", "gear_torque_half_peak_to_peak"
-)
-shaft_torques = _quantity(
-    "shaft",
-    "torque",
-    f"Torque of shafts and dampers{SWING}",
-    "torque_half_peak_to_peak",
-)
-angles = _quantity(
-    "disk", "angle", f"Vibratory angle of disks{SWING}", "angle_half_peak_to_peak"
-)
-heat = _quantity(
-    "damper",
-    "heat",
-    "Heat of dampers",
-    "heat",
-    lambda train: train.topology.damper_names,
-)
-separation = _quantity(
-    "mesh", "teeth apart", "Time out of contact", "separated_fraction"
-)
-_turning = f"{IRREGULARITY}, of the heaviest disk, the gears and the loads"
-irregularity = _quantity(
-    "disk", "irregularity", _turning, "irregularity", turning_disks
-)
+forces = _quantity("tooth_force_peak")
+gear_torques = _quantity("gear_torque_half_peak_to_peak")
+shaft_torques = _quantity("torque_half_peak_to_peak")
+angles = _quantity("angle_half_peak_to_peak")
+heat = _quantity("heat", "damper", lambda train: train.topology.damper_names)
+separation = _quantity("separated_fraction")
+irregularity = _quantity("irregularity", names_of=turning_disks)
 
 
 def main_quantity(train: DriveTrain) -> Quantity:

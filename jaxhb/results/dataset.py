@@ -4,13 +4,22 @@ The only importer of xarray.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxhb import __version__
+from jaxhb.results.quantities import (
+    OF_MOTIONS,
+    VARIABLES,
+    VIBRATIONS,
+    Vibration,
+    names_of,
+    read,
+    variables_of,
+)
 from jaxhb.results.signal import Signal
-from jaxhb.results.status import Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,110 +27,37 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from jaxhb._jax import Array, Numbers
-    from jaxhb.results.motion import Motion
     from jaxhb.results.response import Response
     from jaxhb.results.steady import SteadyState
     from jaxhb.train.topology import Topology
 
-    Spectrum = tuple[Array, Array, np.ndarray, float]
 else:
     Dataset = Any
 
-SIGNALS = {
-    "angle": ("disk", "disk", "rad", "vibratory angle"),
-    "speed": ("speed", "disk", "rad/s", "speed of rotation"),
-    "acceleration": ("acceleration", "disk", "rad/s2", "angular acceleration"),
-    "torque": ("torque", "shaft", "N m", "torque of shafts and dampers"),
-    "gear_torque": (
-        "gear_torque",
-        "gear",
-        "N m",
-        "torque that a gear passes to its mates",
-    ),
-    "tooth_force": ("force", "mesh", "N", "tooth force, elastic and damping part"),
-}
-"""Reader of a motion for every vibrating quantity, its dimension, unit and meaning."""
 
-STATISTICS = {
-    "mean": "mean of the ",
-    "min": "smallest ",
-    "max": "largest ",
-    "half_peak_to_peak": "half peak-to-peak of the ",
-    "sum_of_amplitudes": "sum of the amplitudes of all orders of the ",
-}
+@dataclass(frozen=True)
+class Spectrum:
+    """Amplitudes and phases ``(elements, K)`` of a vibrating quantity, its orders
+    ``(K,)``, and the amplitude of every other order.
+    """
 
-WITH_ORDERS = ("angle", "torque", "gear_torque", "tooth_force")
-"""Signals whose amplitudes and phases are given; those of speeds and accelerations
-follow from the angles.
-"""
+    amplitudes: Array
+    phases: Array
+    orders: np.ndarray
+    lacking: float
 
-CONTACT = (
-    "separated_fraction",
-    "reverse_contact_fraction",
-    "impacts_per_cycle",
-    "hardest_impact",
-)
-
-OF_ELEMENTS = {
-    "irregularity": (
-        "disk",
-        "1",
-        "cyclic irregularity, (largest - smallest speed) / mean speed",
-    ),
-    "heat": ("shaft", "W", "mean power that a shaft or damper turns into heat"),
-    "mesh_heat": ("mesh", "W", "mean power that the damping of a mesh turns into heat"),
-    "separated_fraction": ("mesh", "1", "share of the time with the teeth apart"),
-    "reverse_contact_fraction": (
-        "mesh",
-        "1",
-        "share of the time on the flank that does not drive",
-    ),
-    "impacts_per_cycle": (
-        "mesh",
-        "1",
-        "entries into contact in a cycle of the excitation",
-    ),
-    "hardest_impact": ("mesh", "m/s", "largest approach speed of an impact"),
-    "tooth_force_spread": (
-        "mesh",
-        "N",
-        "two standard deviations of the largest absolute tooth force over records",
-    ),
-    "load_torque": ("load", "N m", "mean torque of a load on its disk"),
-    "ground_reaction": ("ground", "N m", "mean torque that a ground takes"),
-}
-
-OF_MOTIONS = {
-    "kind": (
-        "",
-        (
-            "contact, periodic, subharmonic, irregular or unknown; solution: of"
-            " jaxhb.solve"
-        ),
-    ),
-    "period": (
-        "1",
-        "period of the motion in cycles of the excitation, 0 where there is none",
-    ),
-    "source": ("", "what the numbers are read from: harmonics, record, or nothing"),
-    "status": ("", "status of the harmonic solution"),
-    "harmonics": (
-        "1",
-        "highest harmonic of the motion over its period, 0 without a harmonic solution",
-    ),
-    "residual": ("1", "residual of the equations"),
-    "truncation_error": ("1", "truncation error over the largest tooth force"),
-    "load_power": ("W", "power that the loads take"),
-}
-
-UNKNOWN = {
-    "kind": "unknown",
-    "source": "nothing",
-    "status": "",
-    "period": 0,
-    "harmonics": 0,
-}
-"""Values of variables for which there is no number."""
+    def at(self, order: np.ndarray) -> np.ndarray:
+        """Amplitudes and phases ``(2, elements, n)`` at the orders ``(n,)`` of a data
+        set; of those that the motion lacks phases are nan.
+        """
+        present = np.isin(order, self.orders)
+        places = np.searchsorted(self.orders, order)
+        aligned = np.full(
+            (2, len(self.amplitudes), len(order)), [[[self.lacking]], [[np.nan]]]
+        )
+        own = np.asarray([self.amplitudes, self.phases])
+        aligned[:, :, present] = own[:, :, places[present]]
+        return aligned
 
 
 def to_xarray(
@@ -141,11 +77,9 @@ def to_xarray(
         raise ImportError(
             'labelled arrays need xarray. Install it: pip install "jaxhb[data]"'
         ) from None
-    read = [_numbers(motion, topology) for motion in motions]
+    answers = [_numbers(motion, topology) for motion in motions]
     listed = [
-        motion_orders
-        for _, spectra in read
-        for _, _, motion_orders, _ in spectra.values()
+        spectrum.orders for _, spectra in answers for spectrum in spectra.values()
     ]
     order = np.unique(np.concatenate(listed or [np.zeros(0)]))
     order = order[
@@ -172,44 +106,37 @@ def to_xarray(
         attributes = {"long_name": meaning} | ({"units": unit} if unit else {})
         variables[name] = ((*leading_dims, *row_dims), values, attributes)
 
-    for name, (unit, meaning) in OF_MOTIONS.items():
-        unknown = UNKNOWN.get(name, np.nan)
-        rows = [np.asarray(numbers.get(name, unknown)) for numbers, _ in read]
-        add_variable(name, rows, (), unit, meaning)
-    of_elements = OF_ELEMENTS | {
-        f"{name}_{statistic}": (dim, unit, words + meaning)
-        for name, (_, dim, unit, meaning) in SIGNALS.items()
-        for statistic, words in STATISTICS.items()
-    }
-    for name, (dim, unit, meaning) in of_elements.items():
-        if dim in dims:
-            nothing = np.full(len(dims[dim]), np.nan)
+    for variable in (*OF_MOTIONS, *VARIABLES.values()):
+        row_dims = (variable.element,) if variable.element else ()
+        if variable.meaning and {*row_dims} <= dims.keys():
+            shape = [len(dims[dim]) for dim in row_dims]
+            nothing = np.full(shape, variable.unknown)
             rows = [
-                np.asarray(numbers.get(name, nothing), dtype=float)
-                for numbers, _ in read
+                np.asarray(numbers.get(variable.name, nothing))
+                for numbers, _ in answers
             ]
-            add_variable(name, rows, (dim,), unit, meaning)
-    for name in WITH_ORDERS:
-        _, dim, unit, meaning = SIGNALS[name]
-        if dim in dims and "order" in dims:
+            add_variable(variable.name, rows, row_dims, variable.unit, variable.meaning)
+    for name, vibration in VIBRATIONS.items():
+        dim = vibration.element
+        if vibration.orders and dim in dims and "order" in dims:
+            nothing = np.full((2, len(dims[dim]), len(order)), np.nan)
             aligned = [
-                _spectrum(spectra.get(name), len(dims[dim]), order)
-                for _, spectra in read
+                spectra[name].at(order) if name in spectra else nothing
+                for _, spectra in answers
             ]
-            add_variable(
-                f"{name}_amplitude",
-                [amplitudes for amplitudes, _ in aligned],
-                (dim, "order"),
-                unit,
-                f"one-sided amplitude, {meaning}",
-            )
-            add_variable(
-                f"{name}_phase",
-                [phases for _, phases in aligned],
-                (dim, "order"),
-                "degree",
-                f"phase of the cosine, {meaning}",
-            )
+            for place, (part, unit, words) in enumerate(
+                (
+                    ("amplitude", vibration.unit, "one-sided amplitude"),
+                    ("phase", "degree", "phase of the cosine"),
+                )
+            ):
+                add_variable(
+                    f"{name}_{part}",
+                    [values[place] for values in aligned],
+                    (dim, "order"),
+                    unit,
+                    f"{words}, {vibration.meaning}",
+                )
     units = {"rpm": {"units": "rpm", "long_name": "speed of the reference rotor"}}
     units["order"] = {
         "units": "1",
@@ -228,138 +155,101 @@ def to_xarray(
     )
 
 
-def as_netcdf(data: Dataset) -> bytes:
-    """Bytes of a data set as a NetCDF file (version 3, which everything reads)."""
-    return bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
-
-
-def names_of(topology: Topology) -> dict[str, tuple[str, ...]]:
-    """Names of the elements of every dimension."""
-    return {
-        "disk": topology.disk_names,
-        "shaft": topology.shaft_and_damper_names,
-        "gear": topology.gear_names,
-        "mesh": topology.mesh_names,
-        "load": topology.load_names,
-        "ground": topology.ground_names,
-    }
-
-
 def _numbers(
     motion: Any, topology: Topology
 ) -> tuple[dict[str, Any], dict[str, Spectrum]]:
     """Numbers of one motion by name of the variable, as far as they are there, and
-    spectra by name of the signal.
+    spectra by name of the vibrating quantity.
     """
     response = motion.solution
     solved = response is not None and bool(response.converged)
     alone = motion is response  # of jaxhb.solve
-    numbers: dict[str, Any] = (
+    numbers: dict[str, Any] = {}
+    if response is not None:
+        numbers = {
+            variable.name: getattr(response, variable.reader)
+            for variable in OF_MOTIONS
+            if hasattr(response, variable.reader)
+        }
+    numbers |= (
         {"kind": "solution", "period": 1}
         if alone
         else {"kind": motion.kind, "period": motion.period}
     )
-    if response is not None:
-        numbers |= {
-            "status": Status(int(response.status)).name,
-            "harmonics": int(response.highest_harmonic),
-        }
-        numbers |= {
-            name: float(getattr(response, name))
-            for name in ("residual", "truncation_error", "load_power")
-        }
     if not solved and (alone or motion.record is None):
         return numbers | {"source": "nothing"}, {}
-    names = names_of(topology)
-    signals, spectra = _signals(motion, names, response if solved else None)
-    contacts = [motion.mesh(name) for name in names["mesh"]]
-    for name in CONTACT:
-        numbers[name] = [getattr(contact, name) for contact in contacts]
-    numbers["irregularity"] = [
-        float(motion.irregularity(name)) for name in names["disk"]
-    ]
-    for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
-        numbers[heat] = [float(motion.power(name)) for name in names[dim]]
-    numbers["tooth_force_spread"] = [
-        0.0 if solved else motion.force(name).spread.peak for name in names["mesh"]
-    ]
-    if solved:
-        numbers |= {
-            name: getattr(response, name) for name in ("load_torque", "ground_reaction")
-        }
-    return numbers | signals | {"source": "harmonics" if solved else "record"}, spectra
-
-
-def _signals(
-    motion: Motion, names: dict[str, tuple[str, ...]], response: Response | None
-) -> tuple[dict[str, Any], dict[str, Spectrum]]:
-    """Statistics and spectra of a motion; recorded cycles, without ``response``, have
-    amplitudes without phases, and no accelerations.
-
-    A spectrum holds amplitudes and phases ``(elements, K)``, orders ``(K,)``, and the
-    amplitude of every other order.
-    """
-    statistics: dict[str, Any] = {}
-    spectra: dict[str, Spectrum] = {}
-    for name, (reader, dim, _, _) in SIGNALS.items():
-        if not len(names[dim]) or (response is None and name == "acceleration"):
+    spectra = {}
+    for element, names in names_of(topology).items():
+        plain = [
+            variable
+            for variable in variables_of(element)
+            if variable.meaning and variable.vibration is None
+        ]
+        if element in ("load", "ground"):
+            if solved:
+                numbers |= {
+                    variable.name: getattr(response, variable.reader)
+                    for variable in plain
+                }
             continue
-        signals = [getattr(motion, reader)(label) for label in names[dim]]
-        if response is None:
-            statistics |= {
-                f"{name}_{statistic}": [
-                    float(getattr(signal, statistic)) for signal in signals
-                ]
-                for statistic in STATISTICS
-            }
-            amplitudes: Array = np.array([signal.amplitudes for signal in signals])
-            orders = signals[0].orders
-            lacking = np.nan
-            phases: Array = np.full(amplitudes.shape, np.nan)
-        else:
-            stacked = Signal(
-                np.stack([signal.coefficients for signal in signals]),
-                None,
-                signals[0].revolutions_per_cycle,
-                signals[0].resolution,
-            )
-            samples = stacked.samples(stacked.resolution)
-            low = samples.min(axis=-1)
-            high = samples.max(axis=-1)
-            in_order = (
-                stacked.mean,
-                low,
-                high,
-                (high - low) / 2,
-                stacked.sum_of_amplitudes,
-            )
-            statistics |= {
-                f"{name}_{statistic}": values
-                for statistic, values in zip(STATISTICS, in_order, strict=True)
-            }
-            # Tooth forces have more harmonics than the motion, whose orders the data
-            # set lists.
-            within = slice(response.harmonics)
-            amplitudes = stacked.amplitudes[:, within]
-            phases = stacked.phases_deg[:, within]
-            orders = stacked.orders[within]
-            # An order that is not there has no phase.
-            phases = np.where(amplitudes > 0, phases, np.nan)
-            lacking = 0.0
-        if name in WITH_ORDERS:
-            spectra[name] = amplitudes, phases, orders, lacking
-    return statistics, spectra
+        rows = [read(motion, name, plain) for name in names]
+        for variable in plain:
+            numbers[variable.name] = [row[variable.name] for row in rows]
+        for vibration in VIBRATIONS.values():
+            # A record has no accelerations.
+            recorded = solved or vibration.name != "acceleration"
+            if vibration.element == element and names and recorded:
+                signals = [vibration.read(motion, name) for name in names]
+                whole = _together(signals) if solved else None
+                numbers |= _statistics(vibration, signals, whole)
+                if vibration.orders:
+                    most = response.harmonics if solved else None
+                    spectra[vibration.name] = _spectrum(signals, whole, most)
+    return numbers | {"source": "harmonics" if solved else "record"}, spectra
 
 
-def _spectrum(spectrum: Spectrum | None, count: int, order: np.ndarray) -> np.ndarray:
-    """Amplitudes and phases ``(2, count, K)`` at the orders ``(K,)`` of the data set;
-    orders that a motion lacks are 0 or nan.
+def _together(signals: Sequence[Signal]) -> Signal:
+    """Signals of one motion as one, with a leading axis."""
+    first = signals[0]
+    return Signal(
+        np.stack([signal.coefficients for signal in signals]),
+        None,
+        first.revolutions_per_cycle,
+        first.resolution,
+    )
+
+
+def _statistics(
+    vibration: Vibration, signals: Sequence[Any], whole: Signal | None
+) -> dict[str, np.ndarray]:
+    """Numbers ``(elements,)`` of signals, those of a solution as a ``whole``."""
+    return {
+        variable.name: np.broadcast_to(
+            np.asarray(
+                [variable.part(signal) for signal in signals]
+                if whole is None
+                else variable.part(whole),
+                dtype=float,
+            ),
+            len(signals),
+        )
+        for variable in VARIABLES.values()
+        if variable.meaning and variable.vibration is vibration
+    }
+
+
+def _spectrum(
+    signals: Sequence[Any], whole: Signal | None, most: int | None
+) -> Spectrum:
+    """The :class:`Spectrum` of signals, those of a solution as a ``whole`` with
+    ``most`` harmonics; recorded cycles have amplitudes without phases.
     """
-    if spectrum is None:
-        return np.full((2, count, len(order)), np.nan)
-    amplitudes, phases, motion_orders, lacking = spectrum
-    present = np.isin(order, motion_orders)
-    places = np.searchsorted(motion_orders, order)
-    aligned = np.full((2, count, len(order)), [[[lacking]], [[np.nan]]])
-    aligned[:, :, present] = np.asarray([amplitudes, phases])[:, :, places[present]]
-    return aligned
+    if whole is None:
+        recorded = np.array([signal.amplitudes for signal in signals])
+        phases = np.full(recorded.shape, np.nan)
+        return Spectrum(recorded, phases, signals[0].orders, np.nan)
+    # Tooth forces have more harmonics than the motion, whose orders the data set lists.
+    amplitudes = whole.amplitudes[:, :most]
+    # An order that is not there has no phase.
+    phases = np.where(amplitudes > 0, whole.phases_deg[:, :most], np.nan)
+    return Spectrum(amplitudes, phases, whole.orders[:most], 0.0)

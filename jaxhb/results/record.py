@@ -271,9 +271,7 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
 
     def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
         if quantity in ("acceleration", "transmission_error"):
-            plural = {"acceleration": "accelerations"}.get(
-                quantity, "transmission errors"
-            )
+            plural = f"{quantity.replace('_', ' ')}s"
             raise ValueError(f"the motion has no period: its record holds no {plural}")
         if quantity == "power":
             return self.heat[index] if index < len(self.heat) else float("nan")
@@ -290,9 +288,11 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
             "speed": self.speeds,
             "twist": self.twists,
             "torque": self.torques,
+            "force": self.forces,
+            "deflection": self.deflections,
+            "gear_torque": self.gears,
+            "contact": self.contacts,
         }
-        by_quantity |= {"force": self.forces, "deflection": self.deflections}
-        by_quantity |= {"gear_torque": self.gears, "contact": self.contacts}
         signal = by_quantity[quantity][index]
         return signal if sense > 0 else signal.reversed()
 

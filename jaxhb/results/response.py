@@ -216,15 +216,10 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                 return self._signal(
                     self.angles[..., first, :] - self.angles[..., second, :]
                 )
-            case "torque":
+            case "torque" | "force":
                 return self._signal(
-                    sense * self.torques[..., index, :],
-                    sense * self.elastic_torques[..., index, :],
-                )
-            case "force":
-                return self._signal(
-                    sense * self.forces[..., index, :],
-                    sense * self.elastic_forces[..., index, :],
+                    sense * getattr(self, f"{quantity}s")[..., index, :],
+                    sense * getattr(self, f"elastic_{quantity}s")[..., index, :],
                 )
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])

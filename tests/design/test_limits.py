@@ -46,7 +46,7 @@ def test_exact_values_are_those_of_the_limits():
     for quantity, of in ELEMENTS.items():
         exact = QUANTITIES[quantity].exact_value(response, of, None)
         np.testing.assert_allclose(exact, expected[quantity], rtol=1e-9)
-        smooth = QUANTITIES[quantity].read(response, of, None)
+        smooth = QUANTITIES[quantity].differentiated("read")(response, of, None, None)
         assert (smooth <= exact * (1 + 1e-12)).all()
         assert (smooth >= 0.99 * exact).all()
         if quantity.startswith("stress over"):
@@ -66,7 +66,9 @@ def test_the_gradient_of_limits_is_that_of_differences():
         changed = TRAIN.replace(values)
         response = jaxhb.linear_response(changed, rpm=600.0)
         values = {
-            quantity: QUANTITIES[quantity].read(response, of, None)
+            quantity: QUANTITIES[quantity].differentiated("read")(
+                response, of, None, None
+            )
             for quantity, of in ELEMENTS.items()
         }
         return sum(

@@ -131,9 +131,7 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
         )
 
     answers = [irregular(1800.0), irregular(2000.0)]
-    quantity = Quantity(
-        "tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names
-    )
+    quantity = Quantity("tooth_force_peak", topology.mesh_names, "mesh")
     figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])
     (bars,) = [
         trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.results.dataset import as_netcdf
+from jaxhb.report.files.formats import FORMATS
 
 xarray = pytest.importorskip("xarray")
+
+
+def _netcdf(data):
+    """The bytes of a data set as a file."""
+    return b"".join(FORMATS["netcdf"].write("", data))
+
 
 MESH = "gear a|gear b"
 LIGHTER = {"drive.mean": 12.5, "brake.mean": -12.5}
@@ -108,7 +114,7 @@ def test_an_irregular_motion_has_the_extremes_of_its_record_and_no_phases(pair):
 def test_a_netcdf_file_gives_the_arrays_back(sweep, tmp_path):
     data = sweep.to_xarray()
     file = tmp_path / "sweep.nc"
-    file.write_bytes(as_netcdf(data))
+    file.write_bytes(_netcdf(data))
     with xarray.open_dataset(file, engine="scipy") as restored:
         assert restored.kind.values.tolist() == ["contact", "periodic"]
         np.testing.assert_array_equal(restored.tooth_force_max, data.tooth_force_max)
@@ -117,8 +123,8 @@ def test_a_netcdf_file_gives_the_arrays_back(sweep, tmp_path):
             restored.sel(mesh=MESH, rpm=5000.0).tooth_force_max.item()
             == sweep[1].force(MESH).max
         )
-    assert isinstance(as_netcdf(sweep[0].to_xarray()), bytes)
-    single = xarray.open_dataset(io.BytesIO(as_netcdf(sweep[0].to_xarray())))
+    assert isinstance(_netcdf(sweep[0].to_xarray()), bytes)
+    single = xarray.open_dataset(io.BytesIO(_netcdf(sweep[0].to_xarray())))
     assert single.rpm.item() == 2000.0
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.design.measurements import UNITS
 from jaxhb.elements.rules import RULES
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, stress_limits
@@ -46,6 +45,7 @@ from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
+from jaxhb.results.quantities import MEASURED
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
@@ -298,7 +298,7 @@ def plot_identified(identification: Identification) -> Picture:
     orders = measured.order.astype(str)
     for quantity, element in dict.fromkeys(pairs):
         of_element = np.array([pair == (quantity, element) for pair in pairs])
-        factor, unit = shown_unit(UNITS[quantity])
+        factor, unit = shown_unit(MEASURED[quantity].unit)
         answered = np.where(identification.kept, factor, np.nan)
         largest = {
             order: measured.amplitude[of_element & (orders == order)].max()

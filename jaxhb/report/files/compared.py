@@ -13,10 +13,10 @@ from jaxhb._jax import Array, Numbers
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength
 from jaxhb.report.answer import Answer
-from jaxhb.report.quantities import number, unit_of
+from jaxhb.report.quantities import number
 from jaxhb.report.text.forced import Reading
 from jaxhb.report.text.strength import LIMITED, answers_strength
-from jaxhb.results.dataset import names_of
+from jaxhb.results.quantities import WORKED, names_of, variables_of
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,6 @@ class Compared:
         return f"{self.called} {self.unit}"
 
 
-VARIABLES = {
-    "mesh": {"peak": "tooth_force_peak"},
-    "gear": {"torque half peak-to-peak": "gear_torque_half_peak_to_peak"},
-    "shaft": {"torque half peak-to-peak": "torque_half_peak_to_peak", "heat": "heat"},
-}
-"""Numbers of every element that are compared, and their variables in data sets."""
-
-
 def of_answers(answers: Iterable[Answer], case: str = "") -> list[Compared]:
     """Compared numbers of answers along a sweep, of those that have an answer."""
     compared = []
@@ -54,20 +46,20 @@ def of_answers(answers: Iterable[Answer], case: str = "") -> list[Compared]:
         if not answer.answered:
             continue
         axis = answer.axis.label
-        for element, variables in VARIABLES.items():
-            for name in names_of(answer.topology)[element]:
-                for called, variable in variables.items():
-                    value = number(answer, name, variable)
-                    compared.append(
-                        Compared(
-                            f"{name} {called}",
-                            unit_of(variable),
-                            value,
-                            answer.place,
-                            axis,
-                            case,
-                        )
-                    )
+        compared += [
+            Compared(
+                f"{name} {variable.csv}",
+                variable.unit,
+                number(answer, name, variable.name),
+                answer.place,
+                axis,
+                case,
+            )
+            for element in WORKED
+            for name in names_of(answer.topology)[element]
+            for variable in variables_of(element)
+            if variable.compared
+        ]
         compared += _judged(answers_strength([answer]), [answer.place], axis, case)
     return compared
 

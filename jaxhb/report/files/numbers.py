@@ -6,6 +6,7 @@ arrays of NetCDF files.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,7 @@ import numpy as np
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
-from jaxhb.report.files.output import as_csv
-from jaxhb.report.quantities import WITHOUT, number
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
@@ -24,8 +24,17 @@ from jaxhb.report.text.strength import (
     strength_record,
 )
 from jaxhb.results.bounds import Certificate
-from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
-from jaxhb.results.record import PERCENT, PerCycle, RecordedSignal
+from jaxhb.results.dataset import to_xarray
+from jaxhb.results.quantities import (
+    VARIABLES,
+    VIBRATIONS,
+    WITHOUT,
+    WORKED,
+    names_of,
+    read,
+    variables_of,
+)
+from jaxhb.results.record import RecordedSignal
 from jaxhb.results.signal import MISSED, Signal
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import not_firing
@@ -47,9 +56,7 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
     def of_each(element: str, record: Callable[[str], Any]) -> dict[str, Any]:
         return {name: record(name) for name in names_of(answer.topology)[element]}
 
-    def of_signal(signal: Signal | RecordedSignal) -> dict[str, Any]:
-        return _signal_record(signal, orders)
-
+    of_signal = partial(_signal_record, orders=orders)
     response = answer.response
     state = answer.state
     recorded = state.record if answer.recorded else None
@@ -68,7 +75,11 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
             "recorded_cycles": None if recorded is None else recorded.cycles,
             "spread": of_each("mesh", lambda name: answer.force(name).spread._asdict()),
             "per_cycle": of_each(
-                "mesh", lambda name: _per_cycle(answer.force(name).per_cycle)
+                "mesh",
+                lambda name: {
+                    extreme: getattr(answer.force(name).per_cycle, extreme)
+                    for extreme in ("max", "peak")
+                },
             ),
         },
         "converged": answer.converged,
@@ -93,23 +104,22 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
         "shafts": of_each(
             "shaft",
             lambda name: (
-                of_signal(answer.torque(name)) | {"power_W": answer.power(name)}
+                of_signal(answer.torque(name)) | _plain_numbers(answer, name, "shaft")
             ),
         ),
-        "gears": of_each("gear", lambda name: of_signal(answer.gear_torque(name))),
+        "gears": of_each(
+            "gear",
+            lambda name: (
+                of_signal(answer.gear_torque(name))
+                | _plain_numbers(answer, name, "gear")
+            ),
+        ),
         "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
     }
     record |= strength_record(answers_strength([answer]), one_speed=True)
     if isinstance(answer.certificate, Certificate | str):
         record |= certificate_record(answer.certificate)
     return record
-
-
-def _per_cycle(distribution: PerCycle) -> dict[str, np.ndarray]:
-    """Percentiles of the largest tooth force of a cycle, as it is signed and by its
-    size.
-    """
-    return {"max": distribution.max, "peak": distribution.peak}
 
 
 def on_scene(*trains: DriveTrain) -> dict[str, Any]:
@@ -179,13 +189,23 @@ def _signal_record(
     return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
+def _plain_numbers(answer: Answer, name: str, element: str) -> dict[str, float]:
+    """Numbers of one element that are no signals, by their keys."""
+    keyed = [variable for variable in variables_of(element) if variable.json]
+    numbers = read(answer, name, keyed)
+    return {variable.json: numbers[variable.name] for variable in keyed}
+
+
 def _disk_record(answer: Answer, name: str, angle: Mapping[str, Any]) -> dict[str, Any]:
     """Angle, speed and acceleration of a disk; ``angle`` is the record of the first."""
-    return {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
-        "speed": answer.speed(name).extremes(),
-        "acceleration": answer.acceleration(name).extremes(),
-        "irregularity": answer.irregularity(name),
-    }
+    return (
+        {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")}
+        | {
+            "speed": answer.speed(name).extremes(),
+            "acceleration": answer.acceleration(name).extremes(),
+        }
+        | _plain_numbers(answer, name, "disk")
+    )
 
 
 def _mesh_record(
@@ -209,7 +229,7 @@ def _mesh_record(
     ]
     record = of_signal(force)
     record["elastic"] = of_signal(force.elastic)
-    record |= {variable: number(answer, name, variable) for variable in CONTACT}
+    record |= _plain_numbers(answer, name, "mesh")
     record |= {
         "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
@@ -267,69 +287,32 @@ def answer_row(answer: Answer, **first: Any) -> dict[str, Any]:
     return row | (numbers if answer.answered else dict.fromkeys(numbers))
 
 
-def _of_cycle(extreme: str, place: int) -> Callable[[Answer, str], float]:
-    """Reader of a percentile of the tooth force of a mesh over the cycles."""
-    return lambda answer, name: float(
-        getattr(answer.force(name).per_cycle, extreme)[place]
-    )
-
-
-CELLS: dict[str, dict[str, str | Callable[[Answer, str], float]]] = {
-    "mesh": {
-        "mean N": "tooth_force_mean",
-        "max N": "tooth_force_max",
-        "min N": "tooth_force_min",
-        "peak N": "tooth_force_peak",
-        **{
-            f"{extreme} of a cycle {percent} % N": _of_cycle(extreme, i)
-            for extreme in ("max", "peak")
-            for i, percent in enumerate(PERCENT)
-        },
-        "spread of max N": lambda answer, name: answer.force(name).spread.max,
-        "spread of min N": lambda answer, name: answer.force(name).spread.min,
-        "spread of peak N": lambda answer, name: answer.force(name).spread.peak,
-        "max N without backlash": f"tooth_force_max{WITHOUT}",
-        "min N without backlash": f"tooth_force_min{WITHOUT}",
-        "separated fraction": "separated_fraction",
-        "reverse fraction": "reverse_contact_fraction",
-        "impacts per cycle": "impacts_per_cycle",
-        "hardest impact m/s": "hardest_impact",
-    },
-    "gear": {
-        "torque half peak-to-peak N m": "gear_torque_half_peak_to_peak",
-        "torque half peak-to-peak N m without backlash": (
-            f"gear_torque_half_peak_to_peak{WITHOUT}"
-        ),
-    },
-    "shaft": {
-        "torque half peak-to-peak N m": "torque_half_peak_to_peak",
-        "heat W": "heat",
-    },
-    "disk": {
-        "speed half peak-to-peak rad/s": "speed_half_peak_to_peak",
-        "acceleration half peak-to-peak rad/s2": "acceleration_half_peak_to_peak",
-        "irregularity": "irregularity",
-    },
-}
-"""Heads of the columns of every element behind its name, and their variables of data
-sets or readers.
-"""
+def _cells(answer: Answer, name: str, element: str) -> dict[str, float]:
+    """Numbers of one element by heads: of signals, those without backlash, others."""
+    listed = [variable for variable in variables_of(element) if variable.csv]
+    of_signals = [variable for variable in listed if variable.vibration is not None]
+    twice = [variable for variable in listed if variable.without]
+    numbers = read(answer, name, listed)
+    closed = read(answer.without_backlash, name, twice) if twice else {}
+    cells = {variable.head: numbers[variable.name] for variable in of_signals}
+    cells |= {
+        f"{variable.head} without backlash": closed[variable.name] for variable in twice
+    }
+    return cells | {variable.head: numbers[variable.name] for variable in listed}
 
 
 def _numbers(answer: Answer) -> dict[str, Any]:
     """Numbers of the row of an answer by heads, SI units."""
     row = {"load kW": float(answer.balance.load_kW)}
-    for kind, called in (("load", "load torque"), ("ground", "ground reaction")):
+    for variable in (VARIABLES["load_torque"], VARIABLES["ground_reaction"]):
         row |= {
-            f"{name} {called} N m": torque
-            for name, torque in torques_of(answer.balance, kind).items()
+            f"{name} {variable.head}": torque
+            for name, torque in torques_of(answer.balance, variable.element).items()
         }
-    for element, cells in CELLS.items():
+    for element in WORKED:
         for name in names_of(answer.topology)[element]:
-            for head, read in cells.items():
-                row[f"{name} {head}"] = (
-                    read(answer, name) if callable(read) else number(answer, name, read)
-                )
+            cells = _cells(answer, name, element)
+            row |= {f"{name} {head}": number for head, number in cells.items()}
     return row | {
         head: values[0]
         for head, values in strength_columns(answers_strength([answer])).items()
@@ -355,16 +338,20 @@ def untraceable(answer: Answer) -> str:
     return ""
 
 
-def trace_csv(answer: Answer) -> list[bytes]:
-    """The motion over its period as a CSV file, of an answer that :func:`untraceable`
+def trace(answer: Answer) -> Sheet:
+    """The motion over its period as a table, of an answer that :func:`untraceable`
     has nothing to say about; SI units.
     """
     response = answer.response
     assert response is not None  # others are untraceable
     turns = response.topology.revolutions_per_cycle
     signals = {
-        f"{name} {head}": getattr(answer.state, reader)(name)
-        for element, head, reader in TRACES
+        f"{name} {vibration.called} {vibration.unit}": vibration.read(
+            answer.state, name
+        )
+        for element in WORKED
+        for vibration in VIBRATIONS.values()
+        if vibration.element == element
         for name in names_of(answer.topology)[element]
     }
     # At least four time samples for each harmonic of the motion, and so many that no
@@ -382,7 +369,7 @@ def trace_csv(answer: Answer) -> list[bytes]:
         "time s": 60.0 * turns / answer.rpm * share,
     }
     columns |= {head: _samples(signal, count) for head, signal in signals.items()}
-    return as_csv(list(columns), np.transpose(list(columns.values())))
+    return Sheet(list(columns), np.transpose(list(columns.values())))
 
 
 def _samples(signal: Signal, count: int) -> np.ndarray:
@@ -390,23 +377,6 @@ def _samples(signal: Signal, count: int) -> np.ndarray:
     return fourier.sample(np.asarray(signal.coefficients), count)
 
 
-TRACES = (
-    ("mesh", "tooth force N", "force"),
-    ("mesh", "deflection m", "deflection"),
-    ("gear", "gear torque N m", "gear_torque"),
-    ("shaft", "torque N m", "torque"),
-    ("disk", "angle rad", "disk"),
-    ("disk", "speed rad/s", "speed"),
-    ("disk", "acceleration rad/s2", "acceleration"),
-)
-"""Columns of a trace: element, head behind its name, and reader."""
-
-# Signals that are listed without backlash too
-LINEAR_TOO = (
-    "torque",
-    "gear_torque",
-    "tooth_force",
-)
 DIMENSIONS = {
     "direction": "in which the sweep went",
     "case": "normal running, and with misfires",
@@ -414,25 +384,25 @@ DIMENSIONS = {
 """Dimensions along which a file has several lists of answers, and what they mean."""
 
 
-def netcdf(
+def labelled(
     sweeps: Mapping[str, Sequence[Answer]],
     orders: float | None,
     *,
     along: str | None = None,
     every: bool = False,
-) -> list[bytes]:
-    """The NetCDF file of answers: lists of them by name in ``sweeps``, of trains with
+) -> Dataset:
+    """The data set of answers: lists of them by name in ``sweeps``, of trains with
     the same elements. ``along`` is the dimension of names, None of one list; ``orders``
     is the highest whose amplitudes are listed, None: the highest of the excitation, or
     with ``every`` of the motions.
     """
     import xarray
 
-    dataset = _labelled(
+    dataset = _data_set(
         [answer for answers in sweeps.values() for answer in answers], orders, every
     )
     if along is None:
-        return [as_netcdf(dataset)]
+        return dataset
     dimension = "value" if "value" in dataset.dims else "rpm"
     ends = np.cumsum([0, *map(len, sweeps.values())])
     sets = [
@@ -440,14 +410,12 @@ def netcdf(
         for first, end in zip(ends[:-1], ends[1:], strict=True)
     ]
     names = xarray.Variable(along, list(sweeps), {"long_name": DIMENSIONS[along]})
-    return [
-        as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))
-    ]
+    return xarray.concat(sets, names, join="outer", combine_attrs="override")
 
 
-def _labelled(answers: Sequence[Answer], orders: float | None, every: bool) -> Dataset:
+def _data_set(answers: Sequence[Answer], orders: float | None, every: bool) -> Dataset:
     """The data set of answers of trains with the same elements, along the speed or the
-    number that a sweep goes over; ``orders`` and ``every`` as of :func:`netcdf`.
+    number that a sweep goes over; ``orders`` and ``every`` as of :func:`labelled`.
     """
     topology = answers[0].topology
     axis = answers[0].axis
@@ -485,8 +453,12 @@ def _labelled(answers: Sequence[Answer], orders: float | None, every: bool) -> D
             dataset.rpm.values,
             orders=0,
         )
-        prefixes = tuple(f"{signal}_" for signal in LINEAR_TOO)
-        names = [name for name in linear if str(name).startswith(prefixes)]
+        # What gaps change: torques and forces, as far as they are signals
+        names = [
+            name
+            for name, variable in VARIABLES.items()
+            if name in linear and variable.vibration and variable.element != "disk"
+        ]
         dataset = dataset.merge(
             linear[names].rename({name: f"{name}{WITHOUT}" for name in names})
         )

@@ -11,6 +11,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ ANSWERED = 0
 NOT_ANSWERED = 1
 INTERRUPTED = 130
 STANDARD_OUTPUT = "-"
-STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
 _CHANGES: dict[str, Callable[[Any], Any]] = {
     "scenario": lambda name: name,
     "set": dict,
@@ -38,11 +38,13 @@ class OutputError(ValueError):
     """
 
 
-def check_output(option: str, name: str, inputs: Iterable[str | Path]) -> None:
+def check_output(
+    option: str, name: str, inputs: Iterable[str | Path], *, streamed: bool
+) -> None:
     """Refuse a path that cannot be written, or is one of ``inputs``, before the work is
-    done.
+    done; ``streamed`` : whether it may be standard output.
     """
-    if name == STANDARD_OUTPUT and option in STREAMED:
+    if name == STANDARD_OUTPUT and streamed:
         return
     path = Path(name).resolve()
     if not path.parent.is_dir():
@@ -53,9 +55,7 @@ def check_output(option: str, name: str, inputs: Iterable[str | Path]) -> None:
     if path.is_dir():
         raise OutputError(f"{option}: {name!r} is a folder. Give the name of a file.")
     if path.exists() and not path.is_file():
-        instead = (
-            f", or {STANDARD_OUTPUT} for standard output" if option in STREAMED else ""
-        )
+        instead = f", or {STANDARD_OUTPUT} for standard output" * streamed
         raise OutputError(
             f"{option}: {name!r} is a device or a pipe. Give the name of a"
             f" file{instead}."
@@ -109,12 +109,13 @@ def _sentence(name: str | Path | None = None) -> Iterator[None]:
         ) from None
 
 
-def as_json(record: Mapping[str, Any], **lists: Iterable[bytes]) -> Iterator[bytes]:
+def as_json(record: Mapping[str, Any]) -> Iterator[bytes]:
     """Generate the file of a record (see
-    :func:`jaxhb.report.files.numbers.answer_record`), behind which stand ``lists`` that
-    hold, or generate, records as :func:`as_bytes` makes them.
+    :func:`jaxhb.report.files.numbers.answer_record`); behind it stand its iterators, of
+    records as :func:`as_bytes` makes them, as lists.
     """
-    yield as_bytes(record)[:-1]
+    lists = {key: value for key, value in record.items() if isinstance(value, Iterator)}
+    yield as_bytes({key: record[key] for key in record if key not in lists})[:-1]
     for key, records in lists.items():
         yield b", " + as_bytes(key) + b": ["
         for i, encoded in enumerate(records):
@@ -159,14 +160,50 @@ def as_csv(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[bytes]:
     return [text.getvalue().encode()]
 
 
-def rows_csv(
-    rows: Sequence[Mapping[str, Any]], missing: float | None = None
-) -> list[bytes]:
-    """The file of rows by heads; cells that a row does not have are ``missing``."""
-    heads = dict.fromkeys(head for row in rows for head in row)
-    return as_csv(
-        list(heads), [[row.get(head, missing) for head in heads] for row in rows]
-    )
+@dataclass(frozen=True)
+class Sheet:
+    """A table of numbers for a file: rows of cells under heads."""
+
+    heads: Sequence[str]
+    rows: Iterable[Sequence[Any]]
+
+
+def sheet(rows: Sequence[Mapping[str, Any]], missing: float | None = None) -> Sheet:
+    """The :class:`Sheet` of rows by heads; cells that a row does not have are
+    ``missing``.
+    """
+    heads = list(dict.fromkeys(head for row in rows for head in row))
+    return Sheet(heads, [[row.get(head, missing) for head in heads] for row in rows])
+
+
+def merged_csv(files: Mapping[str, str], _: Mapping[str, Any]) -> list[bytes]:
+    """One CSV file of those of several operating modes by title, which comes first."""
+    from jaxhb.scene.csv_tables import unguarded
+
+    heads: dict[str, None] = {}
+    rows = []
+    for title, path in files.items():
+        with Path(path).open(encoding="utf-8", newline="") as text:
+            names, *lines = (
+                [unguarded(cell) for cell in cells] for cells in csv.reader(text)
+            )
+        heads |= dict.fromkeys(names)
+        rows += [(title, dict(zip(names, cells, strict=True))) for cells in lines]
+    cells = [[title, *map(row.get, heads)] for title, row in rows]
+    return as_csv(["scenario", *heads], cells)
+
+
+def merged_json(
+    files: Mapping[str, str], together: Mapping[str, Any]
+) -> Iterator[bytes]:
+    """One JSON file of those of several operating modes by title, and what is told of
+    them ``together``.
+    """
+    records = {
+        title: json.loads(Path(path).read_text("utf-8"))
+        for title, path in files.items()
+    }
+    return as_json({"scenarios": records, **together})
 
 
 def as_picture(name: str, figure: Any) -> list[bytes]:
@@ -197,25 +234,3 @@ def changed_text(arguments: Any) -> str:
         rows = rows if isinstance(rows, list) else [str(rows)] * (rows is not None)
         options += [f"--{option.replace('_', '-')} {row!r}" for row in rows]
     return f"Asked with {', '.join(options)}." if options else ""
-
-
-def deliver(arguments: Any, text: str, makers: Mapping[str, Callable[[], Any]]) -> None:
-    """Make all that was asked for, then write it, then print, unless a file is standard
-    output; all or nothing.
-
-    ``arguments`` are those of a command; ``makers`` are by its options. A record, made
-    by ``json``, gets the changes of the scene in its file; ``plot`` makes a matplotlib
-    figure.
-    """
-    options = vars(arguments)
-    contents = {
-        option: make() for option, make in makers.items() if options.get(option)
-    }
-    if isinstance(contents.get("json"), dict):
-        contents["json"] = as_json(changes(arguments) | contents["json"])
-    if "plot" in contents:
-        contents["plot"] = as_picture(arguments.plot, contents["plot"])
-    silent = arguments.quiet or STANDARD_OUTPUT in map(options.get, contents)
-    write_files({options[option]: content for option, content in contents.items()})
-    if not silent:
-        print("\n\n".join(filter(None, [text, changed_text(arguments)])))

@@ -11,22 +11,20 @@ from jaxhb._jax import Number
 from jaxhb.report import quantities
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.quantities import (
-    WITHOUT,
     Quantity,
     number,
     number_for_people,
     shown_unit,
-    unit_of,
 )
 from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import (
     NONE,
+    WAYS,
     Groups,
     Head,
     Table,
     Way,
-    count,
     from_rows,
     hit,
     irregular,
@@ -49,7 +47,7 @@ from jaxhb.report.text.strength import (
     largest_shares,
     strength_text,
 )
-from jaxhb.results.dataset import names_of
+from jaxhb.results.quantities import VARIABLES, WITHOUT, names_of, variables_of
 from jaxhb.results.record import PERCENT
 
 RPM, _ = shown_unit("rad/s")
@@ -111,13 +109,6 @@ FORCES: tuple[Spec, ...] = (
     ("min", f"tooth_force_min{WITHOUT}"),
     ("peak ratio", against("tooth_force_peak"), ratio),
 )
-CONTACT: tuple[Spec, ...] = (
-    ("apart %", "separated_fraction", percent),
-    ("reverse %", "reverse_contact_fraction", percent),
-    ("impacts", "impacts_per_cycle", count),
-    ("hardest m/s", "hardest_impact", hit),
-    ("driven by", _driver, str),
-)
 SPEEDS: tuple[Spec, ...] = (
     (
         "mean",
@@ -125,10 +116,18 @@ SPEEDS: tuple[Spec, ...] = (
         "{:.6g}".format,
     ),
     ("half p-p", "speed_half_peak_to_peak"),
-    ("irregularity %", "irregularity", irregular),
-    ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
 )
+ACCELERATION = ("acceleration", "acceleration_half_peak_to_peak", "rad/s2")
 """Columns of the tables of meshes and disks, in the unit for people."""
+
+
+def columns_of(element: str) -> list[Spec]:
+    """Columns of the numbers that have one in the table of a kind of element."""
+    return [
+        (variable.column, variable.name, WAYS.get(variable.way, variable.way))
+        for variable in variables_of(element)
+        if variable.column
+    ]
 
 
 def element_table(
@@ -153,7 +152,11 @@ def element_table(
             if callable(read):
                 cells = [read(answer, row[0]) for row in rows]
             else:
-                factor = 1.0 if callable(way) else shown_unit(unit_of(read))[0]
+                factor = (
+                    1.0
+                    if callable(way)
+                    else shown_unit(VARIABLES[read.removesuffix(WITHOUT)].unit)[0]
+                )
                 cells = [
                     factor * number_for_people(answer, row[0], read) for row in rows
                 ]
@@ -196,10 +199,12 @@ def _tables(answer: Answer) -> Iterator[Table]:
             "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
             " not drive), impacts a cycle"
         )
-        yield element_table(title, "mesh", CONTACT, answer)
+        contact = [*columns_of("mesh"), ("driven by", _driver, str)]
+        yield element_table(title, "mesh", contact, answer)
         yield from meshing_table(answer)
         title = "Torque that a gear passes to its mates, N m"
-        yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
+        columns = (*_swings("gear_torque"), *columns_of("gear"))
+        yield element_table(title, "gear", columns, answer, groups=pair)
     if topology.shaft_and_damper_names:
         backlash = any(topology.mesh_backlash)
         specs: tuple[Spec, ...] = (
@@ -211,7 +216,7 @@ def _tables(answer: Answer) -> Iterator[Table]:
         yield element_table(
             title,
             "shaft",
-            (*specs, ("heat W", "heat", "W")),
+            (*specs, *columns_of("shaft")),
             answer,
             groups=pair if backlash else (),
         )
@@ -224,7 +229,8 @@ def _tables(answer: Answer) -> Iterator[Table]:
             "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean;"
             " acceleration, rad/s2, half p-p"
         )
-        yield element_table(title, "disk", SPEEDS, answer)
+        columns = (*SPEEDS, *columns_of("disk"), ACCELERATION)
+        yield element_table(title, "disk", columns, answer)
 
 
 def meshing_table(answer: Answer) -> list[Table]:
@@ -301,7 +307,8 @@ def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
 COMPARED: tuple[Spec, ...] = (
     ("with", "tooth_force_peak"),
     ("without", f"tooth_force_peak{WITHOUT}"),
-    *CONTACT[:2],
+    ("apart %", "separated_fraction", percent),
+    ("reverse %", "reverse_contact_fraction", percent),
     ("hit m/s", "hardest_impact", hit),
 )
 """Columns of each of several cases that stand side by side."""
@@ -463,7 +470,7 @@ def worst_misfire(cases: Sequence[Case]) -> dict[str, Any] | None:
         "rpm": hardest.answer.rpm,
         "quantity": quantity.called,
         "of": hardest.name,
-        "unit": unit_of(quantity.variable),
+        "unit": quantity.entry.unit,
         "value": hardest.value,
         "firing": quantity.read(cases[0].answers[hardest.place], hardest.name),
     }

@@ -199,3 +199,14 @@ def ratio(pair: tuple[float, float]) -> str:
     """A quotient with two decimals, a dash where nothing is compared."""
     value = float(pair[0]) / float(pair[1]) if pair[1] else math.nan
     return f"{value:.2f}" if math.isfinite(value) else NONE
+
+
+WAYS: dict[str, Way] = {
+    "percent": percent,
+    "count": count,
+    "hit": hit,
+    "irregular": irregular,
+}
+"""Ways in which numbers of answers are written, by the words of
+:class:`jaxhb.results.quantities.Variable`.
+"""

@@ -17,7 +17,7 @@ from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
-from jaxhb.report.quantities import READERS, shown_unit
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, Groups, Head, Table, from_rows, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
@@ -29,7 +29,7 @@ from jaxhb.report.text.strength import (
     strength_record,
 )
 from jaxhb.results.answers import left_out, with_gaps
-from jaxhb.results.dataset import SIGNALS, names_of
+from jaxhb.results.quantities import VIBRATIONS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
@@ -40,8 +40,8 @@ SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
 NEGLIGIBLE = 1e-12
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
-"""Signals of :data:`jaxhb.results.dataset.SIGNALS` by kind of element; meshes tell most
-of a train, then shafts, then disks.
+"""Vibrating quantities by kind of element; meshes tell most of a train, then shafts,
+then disks.
 """
 
 TITLES = {
@@ -74,12 +74,12 @@ class Reading:
     @property
     def called(self) -> str:
         """The signal in words."""
-        return KINDS[self.kind].replace("_", " ")
+        return VIBRATIONS[KINDS[self.kind]].called
 
     @property
     def unit(self) -> str:
         """SI unit of the signal."""
-        return SIGNALS[KINDS[self.kind]][2]
+        return VIBRATIONS[KINDS[self.kind]].unit
 
     @property
     def shown(self) -> tuple[float, str]:
@@ -89,7 +89,7 @@ class Reading:
     @cached_property
     def signal(self) -> Signal:
         """The signal of the element, ``(n,)`` speeds."""
-        return getattr(self.response, READERS[KINDS[self.kind]])(self.name)
+        return VIBRATIONS[KINDS[self.kind]].read(self.response, self.name)
 
     @property
     def power(self) -> np.ndarray:
@@ -160,7 +160,7 @@ def readings(response: ForcedResponse, names: Sequence[str] = ()) -> list[Readin
     elements = [
         (name, kind)
         for kind, signal in KINDS.items()
-        for name in names_of(topology)[SIGNALS[signal][1]]
+        for name in names_of(topology)[VIBRATIONS[signal].element]
     ]
     if names:
         kinds = dict(elements)  # a damper stands there twice, last as a link
@@ -310,7 +310,7 @@ def _over_speeds(
     """A table of elements of one kind."""
     kind = readings[0].kind
     title = f"{TITLES[kind]}, {readings[0].shown[1]}: {caption}"
-    element = SIGNALS[KINDS[kind]][1]
+    element = VIBRATIONS[KINDS[kind]].element
     return from_rows(title, [element, *heads], rows, groups, left)
 
 

@@ -13,12 +13,12 @@ from jaxhb.design.identification import (
     Identification,
     WeakCylinder,
 )
-from jaxhb.design.measurements import UNITS
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, Table, count, from_rows, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.tuned import parameter_unit
+from jaxhb.results.quantities import MEASURED
 
 
 def identified_text(fit: Identification) -> str:
@@ -125,7 +125,7 @@ def _residuals(
         )
         if not chosen.any():
             continue
-        factor, unit = shown_unit(UNITS[quantity])
+        factor, unit = shown_unit(MEASURED[quantity].unit)
         mean_square = (size[chosen] ** 2).mean()
         offs = [
             100 * np.sqrt((difference[chosen] ** 2).mean() / mean_square)

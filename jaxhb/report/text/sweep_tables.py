@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxhb._shown import ranges
 from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer
-from jaxhb.report.quantities import IRREGULARITY, Quantity, main_quantity
+from jaxhb.report.quantities import Quantity, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
 from jaxhb.report.text.columns import (
     DOUBT,
@@ -29,6 +29,7 @@ from jaxhb.report.text.sentences import (
     verdict,
 )
 from jaxhb.report.text.strength import answers_strength, strength_text
+from jaxhb.results.quantities import IRREGULARITY
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
