@@ -44,11 +44,6 @@ from .elements.elements import (
     Trace as Trace,
 )
 from .elements.engine import Engine as Engine
-from .equations.kinematics import (
-    Referred as Referred,
-    referred as referred,
-    tooth_damping_ratios as tooth_damping_ratios,
-)
 from .floquet.stability import Stability as Stability, stability as stability
 from .integration.reference import (
     integrate as integrate,
@@ -129,8 +124,13 @@ from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state
 from .train.assembly import build as build
+from .train.checks.plausible import plausibility as plausibility
 from .train.drivetrain import DriveTrain as DriveTrain
-from .train.plausible import plausibility as plausibility
+from .train.kinematics import (
+    Referred as Referred,
+    referred as referred,
+    tooth_damping_ratios as tooth_damping_ratios,
+)
 
 __version__: str
 

@@ -28,7 +28,14 @@ from jaxhb.elements.elements import (
     table_of,
 )
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
+from jaxhb.elements.value_checks import (
+    TOGETHER,
+    field_errors,
+    is_list,
+    joined,
+    row_errors,
+)
+from jaxhb.excitation import gas
 
 
 def read_scenarios(
@@ -454,3 +461,66 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
             f" {shown(reference)}.{near(reference)}"
         )
     return errors
+
+
+# Pressure tables on their grid: 0.6 MB each while a scene is checked
+MOST_PRESSURES = 1000
+# Rows of a key over all elements, the shorter lists padded as the longest
+MOST_ROWS = 2_000_000
+
+
+def size_errors(parts: Parts) -> list[str]:
+    """Find lists that would take more memory than a train may; nothing is computed from
+    them.
+    """
+    errors = []
+    for table, elements in parts.tables.items():
+        for field in fields_of(elements[0]) if elements else ():
+            rows = (
+                [getattr(element, field.name) for element in elements]
+                if field.metadata["kind"] == "rows"
+                else []
+            )
+            longest = max((len(row) for row in rows if is_list(row)), default=0)
+            if longest * len(rows) > MOST_ROWS:
+                excess = (
+                    f"{len(rows)} elements with {field.name} of up to {longest} rows"
+                )
+                errors.append(
+                    f"{parts.source}, [[{table}]]: {excess}, must be at most"
+                    f" {MOST_ROWS} together. Thin them out."
+                )
+    sources = [
+        cylinder for cylinder in parts.tables["cylinder"] if gas.source(cylinder)
+    ]
+    tables = len(sources) * max(
+        (len(cylinder.traces) for cylinder in sources if is_list(cylinder.traces)),
+        default=1,
+    )
+    if tables > MOST_PRESSURES:
+        excess = (
+            f"{len(sources)} cylinders need {tables} pressure tables, must be at most"
+            f" {MOST_PRESSURES}"
+        )
+        errors.append(
+            f"{parts.source}, [[cylinder]]: {excess}. Give some of them gas_torque"
+            " instead."
+        )
+    return errors
+
+
+def rated_errors(parts: Parts, rated_rpm: float | None) -> list[str]:
+    """Check that the rated speed is given where limits depend on it."""
+    shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
+    judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
+    if rated_rpm is not None or not judged:
+        return []
+    names = joined(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
+    text = (
+        f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the"
+        " speed over it"
+    )
+    return [
+        f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor"
+        " in rpm."
+    ]

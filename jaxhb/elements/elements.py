@@ -357,6 +357,13 @@ class Mesh(Link):
     name: str | None = declared("name", None)
 
 
+OF_PERIOD = ("stiffness_orders", "transmission_error")
+OF_GEARS = ("first_gear_error", "second_gear_error")
+"""Names of the rows of a mesh by orders of its mesh period, and by orders of the
+revolutions of its first and of its second gear.
+"""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Damper(Spring):
     """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a

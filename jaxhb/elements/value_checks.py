@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from jaxhb._jax import traced
 from jaxhb.elements.elements import (
     LARGEST,
     MOST_SENTENCES,
+    OF_PERIOD,
     SMALLEST,
     Combustion,
     Cylinder,
@@ -32,11 +33,8 @@ from jaxhb.elements.elements import (
     suggestion,
 )
 from jaxhb.elements.rules import RULES
-from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
-
-if TYPE_CHECKING:
-    from jaxhb.elements.checks import Parts
+from jaxhb.excitation.tables import COMPUTED
 
 
 def number_like(value: Any) -> TypeGuard[float]:
@@ -70,7 +68,7 @@ def _table_errors(where: str, field: dataclasses.Field, value: Any) -> list[str]
     cls = field.metadata["of"]
     several = field.metadata["kind"] == "tables"
     rows = value if several else [value]
-    if not _is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
+    if not is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
         expected = (
             f"one table or more. Write [[….{field.name}]]"
             if several
@@ -106,25 +104,25 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, str]] = {
         "the name of a disk",
     ),
     "pair": (
-        lambda value: _is_list(value) and [type(end) for end in value] == [str, str],
+        lambda value: is_list(value) and [type(end) for end in value] == [str, str],
         "the names of two disks",
         "the names of two disks",
     ),
     "flag": (lambda value: isinstance(value, bool), "true or false", "a value"),
-    "list": (lambda value: _is_list(value), "a list", "a list"),
+    "list": (lambda value: is_list(value), "a list", "a list"),
 }
 """A test of the values of each kind of field, and the words for a value that fails it
 and for a missing one.
 """
 
 
-def _is_list(value: Any) -> TypeGuard[Sequence[Any]]:
+def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, tuple | list)
 
 
 def _is_present(value: Any) -> bool:
     """Tell whether a key is given, with rows if it takes rows."""
-    return value is not None and not (_is_list(value) and not value)
+    return value is not None and not (is_list(value) and not value)
 
 
 def _missing(where: str, field: dataclasses.Field) -> str:
@@ -212,11 +210,11 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
     column.
     """
     header = ", ".join(columns)
-    if not _is_list(rows):
+    if not is_list(rows):
         return [f"{name} is {shown(rows)}, must be a list of rows [{header}]."]
     for i, row in enumerate(rows):
         if not (
-            _is_list(row)
+            is_list(row)
             and len(row) == len(columns)
             and all(number_like(number) for number in row)
         ):
@@ -442,7 +440,7 @@ def _shorthand_errors(mesh: Mesh) -> list[str]:
     ]
     doubled = [keys for keys in (stiffness_keys, order_keys) if keys[1:]]
     texts = [
-        f"{first} is given together with {_joined(rest)}. Keep one of them."
+        f"{first} is given together with {joined(rest)}. Keep one of them."
         for first, *rest in doubled
     ]
     if not stiffness_keys:
@@ -563,7 +561,7 @@ def plain_number(value: Any) -> TypeGuard[float]:
     )
 
 
-def _joined(texts: Iterable[str]) -> str:
+def joined(texts: Iterable[str]) -> str:
     """Join texts by commas and a last "and"."""
     words = list(texts)
     if len(words) > 1:
@@ -579,7 +577,7 @@ def _stiffness_errors(shaft: Shaft) -> list[str]:
             return []
         stiffness = (_present_keys(shaft, "stiffness") or ["stiffness"])[0]
         remedy = "Keep stiffness, or length, outer, inner and shear_modulus."
-        return [f"{stiffness} is given together with {_joined(sizes)}. {remedy}"]
+        return [f"{stiffness} is given together with {joined(sizes)}. {remedy}"]
     lacking = [
         key
         for key in ("length", "outer", "shear_modulus")
@@ -590,7 +588,7 @@ def _stiffness_errors(shaft: Shaft) -> list[str]:
         return [f"{text}, or length, outer and inner in m and shear_modulus in Pa."]
     if lacking:
         return [
-            f"{_joined(sizes)} without {_joined(lacking)} give no stiffness. Give the"
+            f"{joined(sizes)} without {joined(lacking)} give no stiffness. Give the"
             " rest, or stiffness in N m/rad."
         ]
     return _hole_errors(shaft, "inner", "outer")
@@ -619,7 +617,7 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
         damping_keys += _present_keys(link, "loss_factor")
     if len(damping_keys) > 1:
         return [
-            f"{damping_keys[0]} is given together with {_joined(damping_keys[1:])}."
+            f"{damping_keys[0]} is given together with {joined(damping_keys[1:])}."
             " Keep one of them."
         ]
     if shares and not frequency:
@@ -658,12 +656,12 @@ def _section_errors(shaft: Shaft) -> list[str]:
     if asking and lacking:
         title = shaft.rule if rule is None else rule.title or rule.name
         limits = (
-            f"{_joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
+            f"{joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
             f" limits of {title}"
         )
         texts.append(
-            f"{limits}, without {_joined(lacking)}. Give"
-            f" {_joined(_STRENGTH_KEYS[key] for key in lacking)}."
+            f"{limits}, without {joined(lacking)}. Give"
+            f" {joined(_STRENGTH_KEYS[key] for key in lacking)}."
         )
     texts += [
         f"{key} has no part in the limits of {shaft.rule}. Leave it out, or name"
@@ -674,74 +672,11 @@ def _section_errors(shaft: Shaft) -> list[str]:
     return texts
 
 
-# Pressure tables on their grid: 0.6 MB each while a scene is checked
-MOST_PRESSURES = 1000
-# Rows of a key over all elements, the shorter lists padded as the longest
-MOST_ROWS = 2_000_000
-
-
-def size_errors(parts: Parts) -> list[str]:
-    """Find lists that would take more memory than a train may; nothing is computed from
-    them.
-    """
-    errors = []
-    for table, elements in parts.tables.items():
-        for field in fields_of(elements[0]) if elements else ():
-            rows = (
-                [getattr(element, field.name) for element in elements]
-                if field.metadata["kind"] == "rows"
-                else []
-            )
-            longest = max((len(row) for row in rows if _is_list(row)), default=0)
-            if longest * len(rows) > MOST_ROWS:
-                excess = (
-                    f"{len(rows)} elements with {field.name} of up to {longest} rows"
-                )
-                errors.append(
-                    f"{parts.source}, [[{table}]]: {excess}, must be at most"
-                    f" {MOST_ROWS} together. Thin them out."
-                )
-    sources = [
-        cylinder for cylinder in parts.tables["cylinder"] if gas.source(cylinder)
-    ]
-    tables = len(sources) * max(
-        (len(cylinder.traces) for cylinder in sources if _is_list(cylinder.traces)),
-        default=1,
-    )
-    if tables > MOST_PRESSURES:
-        excess = (
-            f"{len(sources)} cylinders need {tables} pressure tables, must be at most"
-            f" {MOST_PRESSURES}"
-        )
-        errors.append(
-            f"{parts.source}, [[cylinder]]: {excess}. Give some of them gas_torque"
-            " instead."
-        )
-    return errors
-
-
-def rated_errors(parts: Parts, rated_rpm: float | None) -> list[str]:
-    """Check that the rated speed is given where limits depend on it."""
-    shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
-    judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
-    if rated_rpm is not None or not judged:
-        return []
-    names = _joined(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
-    text = (
-        f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the"
-        " speed over it"
-    )
-    return [
-        f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor"
-        " in rpm."
-    ]
-
-
 def cylinder_errors(cylinder: Cylinder) -> list[str]:
     """Check that a cylinder has one source of its gas torque and the numbers that this
     source needs.
     """
-    computed = [key for key in gas.COMPUTED if getattr(cylinder, key) is not None]
+    computed = [key for key in COMPUTED if getattr(cylinder, key) is not None]
     has_torque = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
     sources = [*computed, "gas_torque"] if has_torque else computed
     errors = []

@@ -4,20 +4,15 @@ checked by them, without jax.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, remembered
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
-
-if TYPE_CHECKING:
-    from jaxhb.excitation.gas import GasCycles
-    from jaxhb.train.tables import Cylinders, Torques
+from jaxhb.excitation.tables import Cylinders, GasCycles, Torques
 
 
-def scale_at(table, rpm: Number) -> Array:
+def scale_at(table: Cylinders | Torques, rpm: Number) -> Array:
     """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
     and constant outside them.
 
@@ -34,7 +29,7 @@ def scale_at(table, rpm: Number) -> Array:
         points = zip(table.scale_rpm, table.scale_factor, strict=True)
         rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
         factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
-    if getattr(table, "rated_rpm", None) is None:
+    if not isinstance(table, Torques) or table.rated_rpm is None:
         return factor
     xp = namespace(table, rpm)
     # 1 where there is none: a power of infinity would be nan in derivatives.

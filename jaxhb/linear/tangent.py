@@ -21,10 +21,11 @@ from jaxhb._jax import Array, Number, added, concrete, namespace, on_host, trace
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import backlash
-from jaxhb.excitation.torques import excitation
 from jaxhb.train import chain, connections
 from jaxhb.train.changes import in_contact, linearised
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import without_tables
 
@@ -321,7 +322,7 @@ def _equations(train: DriveTrain, rpm: Number) -> _Equations:
     system, torque, left, train = on_host(
         (chain.assemble(train), torque[:, 0].real, left, train)
     )
-    meshes = backlash.all_meshes(train)
+    meshes = all_meshes(train)
     topology = train.topology
     plays = [kind == "clearance" for _, kind, _ in topology.springs]
     clearance = np.array([*[False] * len(topology.mesh_names), *plays], dtype=bool)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.topology import Topology
 
 # Difference of a speed ratio from 1 up to which a rotor turns as the reference rotor

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxhb._jax import Number
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.firing import is_cut_off
+from jaxhb.train.omission import is_cut_off
 from jaxhb.train.topology import Topology
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ from jaxhb.elements.elements import (
 )
 from jaxhb.elements.value_checks import plain_number
 from jaxhb.scene.csv_tables import CsvText, read_csv
-from jaxhb.train.train_checks import fitting_cycle
+from jaxhb.train.checks.consistency import fitting_cycle
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS has none
 # In m, of a gear with a number of teeth alone: ratios are those of the teeth whatever

@@ -11,10 +11,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from jaxhb.elements import checks, derived, meshing, value_checks
-from jaxhb.elements.elements import Cylinder, Damper, Head, Mesh, SceneError, Shaft
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
+from jaxhb.elements.elements import (
+    OF_GEARS,
+    OF_PERIOD,
+    Cylinder,
+    Damper,
+    Head,
+    Mesh,
+    SceneError,
+    Shaft,
+)
 from jaxhb.excitation import gas
-from jaxhb.train import connections, contact_law, tables, train_checks
+from jaxhb.excitation.tables import COMPUTED
+from jaxhb.train import connections, contact_law, tables
+from jaxhb.train.checks import consistency
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
@@ -112,7 +122,7 @@ def checked(
         *checks.element_errors(parts),
         *checks.name_errors(parts),
     ]
-    too_large = value_checks.size_errors(parts)
+    too_large = checks.size_errors(parts)
     if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
     numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
@@ -124,11 +134,11 @@ def checked(
             head_errors += value_checks.field_errors(where, field, value) or []
     errors += head_errors
     errors += checks.reference_errors(parts, reference, disks_read=disks_read)
-    errors += train_checks.connection_errors(parts)
-    rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
-    errors += train_checks.reference_error(parts, reference, rotor)
-    errors += train_checks.gear_errors(parts, rotor)
-    errors += train_checks.inertia_errors(parts)
+    errors += consistency.connection_errors(parts)
+    rotor = connections.pieces(len(parts.disk_names), consistency.elastic_pairs(parts))
+    errors += consistency.reference_error(parts, reference, rotor)
+    errors += consistency.gear_errors(parts, rotor)
+    errors += consistency.inertia_errors(parts)
     main_disk = 0 if reference is None and parts.disk_names else parts.disk(reference)
     # Without a reference the first disk stands for it if there is one rotor; else
     # speeds would be guessed.
@@ -137,13 +147,13 @@ def checked(
     radii = _exact_radii(parts)
     _expand_meshes(parts)
     rotors, ratio, locked = _gearing(parts, root, radii)
-    errors += train_checks.loop_errors(parts, locked)
+    errors += consistency.loop_errors(parts, locked)
     if not head_errors:
-        errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
-    errors += train_checks.hold_errors(parts, main_disk)
-    errors += train_checks.balance_errors(parts, ratio) if not locked else []
-    errors += train_checks.phase_errors(parts, ratio)
-    errors += value_checks.rated_errors(parts, rated_rpm)
+        errors += consistency.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
+    errors += consistency.hold_errors(parts, main_disk)
+    errors += consistency.balance_errors(parts, ratio) if not locked else []
+    errors += consistency.phase_errors(parts, ratio)
+    errors += checks.rated_errors(parts, rated_rpm)
     scenarios, scenario_errors = checks.read_scenarios(parts, scenarios)
     errors += scenario_errors
     if errors:
@@ -220,7 +230,7 @@ def _gearing(
     unknown) and locked loops.
     """
     n_disks = len(parts.disk_names)
-    pairs = train_checks.elastic_pairs(parts)
+    pairs = consistency.elastic_pairs(parts)
     meshes = parts.links("mesh")
     ends = [pair for _, pair in meshes]
     internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
@@ -306,7 +316,7 @@ def _harmonic_needs(
         need("cylinder", i, cylinder.gas_torque, factor, "gas_torque_mean")
         if factor is None:
             continue
-        if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
+        if gas.source(cylinder) and parts.usable("cylinder", i, *COMPUTED):
             revolutions = gas.gas_revolutions(cylinder)
             if parts.usable("cylinder", i, "fires_every"):
                 revolutions *= int(cylinder.fires_every)
@@ -471,7 +481,7 @@ def _topology(
 
 def _whole(number: float) -> float:
     """Round a number that is whole to 1e-6: ratios of radii round."""
-    return float(round(number)) if train_checks.whole(number) else number
+    return float(round(number)) if consistency.whole(number) else number
 
 
 def _springs(link: int, element: Shaft | Damper) -> Iterator[tuple[int, str, int]]:
@@ -509,7 +519,7 @@ def _computed_torques(
         orders = cylinder.orders or largest
         # 1e-9 keeps a product that rounds below a whole number.
         gas_harmonics = math.floor(orders * revolutions * cylinder.fires_every + 1e-9)
-        moves = has_crank and train_checks.whole(turns)
+        moves = has_crank and consistency.whole(turns)
         columns["source"].append(gas.source_word(cylinder))
         columns["step"].append(round(turns / span) if is_computed else 0)
         columns["gas_revolutions"].append(revolutions)

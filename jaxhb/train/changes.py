@@ -15,6 +15,8 @@ from jaxhb._jax import Array, load, traced
 from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import (
     LARGEST,
+    OF_GEARS,
+    OF_PERIOD,
     TABLES,
     Combustion,
     Mesh,
@@ -23,15 +25,16 @@ from jaxhb.elements.elements import (
     shown,
     suggestion,
 )
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
 from jaxhb.excitation import gas
+from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
+from jaxhb.train.kinematics import rotor_ratios
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 from jaxhb.train.varying import NEEDS
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Train, TrainArrays
     from jaxhb.train.topology import Topology
 
 _WORDS = {
@@ -46,8 +49,8 @@ _NO_BACKLASH = (
 
 
 def _choose(
-    train: DriveTrain, values: Mapping[str, Any]
-) -> tuple[DriveTrain, dict[str, Any], list[str]]:
+    train: Train, values: Mapping[str, Any]
+) -> tuple[Train, dict[str, Any], list[str]]:
     """Take laws and numbers of teeth, which are no numbers of the train, from
     ``{"NAME.FIELD": value}``.
 
@@ -126,7 +129,7 @@ def _choose(
 
 
 def scene_values(
-    train: DriveTrain, settings: Mapping[str, Any]
+    train: TrainArrays, settings: Mapping[str, Any]
 ) -> dict[tuple[str, int, str], Any]:
     """Values that a scene file needs for the settings ``{"NAME.FIELD": value}`` of a
     train that they made, by table, row and field.
@@ -187,7 +190,7 @@ def declared_field(table: str, field: str) -> dataclasses.Field | None:
     return {declared.name: declared for declared in dataclasses.fields(cls)}.get(inner)
 
 
-def _locate(train: DriveTrain, key: str) -> tuple[str, str, int]:
+def _locate(train: TrainArrays, key: str) -> tuple[str, str, int]:
     """Table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
     numbers = getattr(train, TABLE_OF[table])
@@ -214,7 +217,7 @@ def _locate(train: DriveTrain, key: str) -> tuple[str, str, int]:
     return table, field, index
 
 
-def _vector(train: DriveTrain, table: str, field: str) -> Any:
+def _vector(train: TrainArrays, table: str, field: str) -> Any:
     """A field of a table over its elements; gas factors and injections that the scene
     does not give are 1.
     """
@@ -225,13 +228,13 @@ def _vector(train: DriveTrain, table: str, field: str) -> Any:
     return np.ones(len(train.topology.cylinder_names)) if absent else vector
 
 
-def _place(train: DriveTrain, field: str, index: int) -> int:
+def _place(train: TrainArrays, field: str, index: int) -> int:
     """Index of an element in the vector of a field."""
     outer = field.rpartition(".")[0]
     return getattr(train.cylinders, outer).seats.index(index) if outer else index
 
 
-def _row(train: DriveTrain, table: str, field: str, index: int) -> Any:
+def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
@@ -259,14 +262,14 @@ def _row(train: DriveTrain, table: str, field: str, index: int) -> Any:
     return row
 
 
-def read(train: DriveTrain, key: str) -> Any:
+def read(train: TrainArrays, key: str) -> Any:
     """Read one number or array; see :meth:`DriveTrain.value`."""
     table, field, index = _locate(train, key)
     row = _row(train, table, field, index)
     return float(row) if isinstance(row, np.floating) else row
 
 
-def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
+def replace(train: Train, values: Mapping[str, Any]) -> Train:
     """Change numbers; see :meth:`DriveTrain.replace`."""
     before = train
     train, values, errors = _choose(train, values)
@@ -299,9 +302,7 @@ def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
     return changed
 
 
-def _with(
-    train: DriveTrain, table: str, field: str, new_values: Mapping[int, Any]
-) -> DriveTrain:
+def _with(train: Train, table: str, field: str, new_values: Mapping[int, Any]) -> Train:
     """The train with values ``{index: value}`` in the vector of one field."""
     attribute = TABLE_OF[table]
     outer, _, inner = field.rpartition(".")
@@ -316,7 +317,7 @@ def _with(
     return dataclasses.replace(train, **changes)
 
 
-def in_contact(train: DriveTrain) -> DriveTrain:
+def in_contact(train: Train) -> Train:
     """The same train with the gaps of all meshes closed and all else as it is: "without
     backlash".
     """
@@ -331,7 +332,7 @@ def in_contact(train: DriveTrain) -> DriveTrain:
     )
 
 
-def linearised(train: DriveTrain) -> DriveTrain:
+def linearised(train: Train) -> Train:
     """The train in contact, with teeth of their mean stiffness and shafts and dampers
     of one stiffness: linear.
     """
@@ -371,7 +372,7 @@ def _set(vector: Array, new_values: Mapping[int, Any]) -> Array:
     return scattered
 
 
-def within_range(train: DriveTrain) -> Array:
+def within_range(train: TrainArrays) -> Array:
     """Whether every number lies in the range of its field, a bool that may be traced;
     nan does not count as outside.
     """
@@ -403,7 +404,7 @@ def within_range(train: DriveTrain) -> Array:
 
 
 def _value_errors(
-    train: DriveTrain, key: str, table: str, field: str, index: int, value: Any
+    train: TrainArrays, key: str, table: str, field: str, index: int, value: Any
 ) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where = f"{train.topology.title}, replace {shown(key)}"
@@ -440,7 +441,7 @@ def _value_errors(
     ]
 
 
-def _has_no_effect(train: DriveTrain, table: str, field: str, index: int) -> str:
+def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has
     one.
     """
@@ -483,11 +484,11 @@ def _has_no_effect(train: DriveTrain, table: str, field: str, index: int) -> str
     return ""
 
 
-def _has_no_effect_on_cylinder(train: DriveTrain, field: str, index: int) -> str:
+def _has_no_effect_on_cylinder(train: TrainArrays, field: str, index: int) -> str:
     """Say why a number of a cylinder has no effect; empty where it has one."""
     source = train.topology.cylinder_source[index]
     moves = train.topology.cylinder_inertia[index] > 0
-    computed = source in gas.COMPUTED
+    computed = source in COMPUTED
     if (field in ("bore", "ambient_pressure") and not computed) or (
         field == "pressure" and source != "pressure"
     ):
@@ -539,7 +540,7 @@ def _periods(topology: Topology, ratios: Array, index: int) -> float:
     return float(next(periods, 1.0))
 
 
-def _check_ratios(before: DriveTrain, after: DriveTrain) -> None:
+def _check_ratios(before: TrainArrays, after: TrainArrays) -> None:
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders
     of its own.
     """

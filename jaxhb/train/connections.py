@@ -14,7 +14,7 @@ from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import TrainArrays
 
 # Share by which the ratios around a closed loop may miss 1: radii are given with so
 # many digits
@@ -276,7 +276,7 @@ def touches(changes: Collection[tuple[str, str]]) -> bool:
     }.isdisjoint(changes)
 
 
-def train_errors(train: DriveTrain) -> list[str]:
+def train_errors(train: TrainArrays) -> list[str]:
     """Find parts that the numbers of a train leave loose or unheld; nothing where they
     are traced.
     """
@@ -325,7 +325,7 @@ def on_disks(disks: int, seats: Sequence[int], torques: Array) -> np.ndarray:
     return total
 
 
-def speeds(train: DriveTrain) -> np.ndarray:
+def speeds(train: TrainArrays) -> np.ndarray:
     """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge
     pressures and rated speeds; [0] without any.
     """
@@ -352,7 +352,7 @@ def speeds(train: DriveTrain) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _loaded(train: DriveTrain) -> list[int]:
+def _loaded(train: TrainArrays) -> list[int]:
     """Disks under a mean torque at some speed."""
     topology = train.topology
     (torques, cylinders) = on_host((train.torques, train.cylinders))

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.train import connections
+from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.varying import without_tables
 
 if TYPE_CHECKING:
     from jaxhb.elements.elements import Mesh
     from jaxhb.train.chain import System
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Train, TrainArrays
 
 # Shares of the mean force: at which the stiffness is full, and which the gap carries
 KNEE_SHARE = 0.2
@@ -42,7 +42,7 @@ IDLE = 1 / 3  # of a rated speed, from which on a train runs
 DENSE_DISKS = 1000
 
 
-def with_contact_law(train: DriveTrain, meshes: Sequence[Mesh]) -> DriveTrain:
+def with_contact_law(train: Train, meshes: Sequence[Mesh]) -> Train:
     """Complete the laws of the meshes of a train where their elements ``meshes`` leave
     numbers open.
     """
@@ -75,7 +75,7 @@ def with_contact_law(train: DriveTrain, meshes: Sequence[Mesh]) -> DriveTrain:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def _least_mean_forces(train: DriveTrain) -> np.ndarray:
+def _least_mean_forces(train: TrainArrays) -> np.ndarray:
     """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the
     scene gives torques, all teeth in contact.
     """
@@ -100,7 +100,7 @@ def _least_mean_forces(train: DriveTrain) -> np.ndarray:
     return np.nan_to_num(least, nan=0.0)
 
 
-def _mean_torques(train: DriveTrain, speeds: np.ndarray) -> np.ndarray:
+def _mean_torques(train: TrainArrays, speeds: np.ndarray) -> np.ndarray:
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
     topology = train.topology
     disks = train.topology.n_disks

@@ -7,7 +7,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,27 +16,16 @@ from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, shown, suggestion
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
-from jaxhb.train import changes, firing, omission, varying
-from jaxhb.train.tables import (
-    Cylinders,
-    Dampers,
-    Disks,
-    Grounds,
-    Loads,
-    Meshes,
-    Phases,
-    Shafts,
-    Torques,
-)
-from jaxhb.train.topology import Topology
+from jaxhb.train import changes, omission, varying
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.tables import TrainArrays
 
 
 @pytree
 @by_value
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DriveTrain:
+class DriveTrain(TrainArrays):
     """A drive train: a pytree of float64 vectors (one for each field of each kind of
     element) and static topology.
 
@@ -45,17 +34,6 @@ class DriveTrain:
     fields are described in :mod:`jaxhb.train.tables`, the topology in
     :mod:`jaxhb.train.topology`.
     """
-
-    topology: Topology = field(metadata={"static": True})
-    disks: Disks
-    shafts: Shafts
-    meshes: Meshes
-    dampers: Dampers
-    grounds: Grounds
-    loads: Loads
-    torques: Torques
-    cylinders: Cylinders
-    phases: Phases | None = None
 
     def __repr__(self) -> str:
         return (
@@ -353,7 +331,7 @@ class DriveTrain:
         >>> jaxhb.load_scene("first_scene").misfire("cylinder 1").not_firing()
         ['cylinder 1: no injection, compression stays']
         """
-        return firing.not_firing(self)
+        return omission.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
         """Say where the pressure traces of cylinders do not cover a speed or its load,

@@ -4,12 +4,15 @@ from elements.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from jaxhb.elements import derived
 from jaxhb.elements.elements import (
+    OF_GEARS,
+    OF_PERIOD,
     Combustion,
     Cylinder,
     Damper,
@@ -19,9 +22,10 @@ from jaxhb.elements.elements import (
     Shaft,
     Torque,
 )
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
-from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
+from jaxhb.excitation.gas import GAS_SAMPLES, gas_cycle
+from jaxhb.excitation.tables import Combustions, Cylinders, Torques, Traces, table
+from jaxhb.train.topology import Topology
 
 Array = Any
 
@@ -130,53 +134,26 @@ class Phases:
     angle: Array
 
 
-@table
-class Torques:
-    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale
-    over rpm [nt, L].
-
-    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
-    no torque has a rated speed.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainArrays:
+    """The fields of a :class:`~jaxhb.train.drivetrain.DriveTrain`: all that computes
+    with a train works on these.
     """
 
-    mean: Array
-    harmonics: Array
-    scale_rpm: Array
-    scale_factor: Array
-    rated_rpm: Array | None = None
-    speed_exponent: Array | None = None
+    topology: Topology = dataclasses.field(metadata={"static": True})
+    disks: Disks
+    shafts: Shafts
+    meshes: Meshes
+    dampers: Dampers
+    grounds: Grounds
+    loads: Loads
+    torques: Torques
+    cylinders: Cylinders
+    phases: Phases | None = None
 
 
-@table
-class Cylinders:
-    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc];
-    gas torque and scale.
-
-    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0);
-    ``pressure`` [nc, M] (Pa) on the uniform grid of the gas cycle counted from firing
-    top dead centre, zeros where none is given; ``scale_rpm`` and ``scale_factor`` [nc,
-    L]. A rod that is not given is 1 m, a bore or stroke 0 m. None where no cylinder has
-    them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either,
-    and ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
-    """
-
-    bore: Array
-    stroke: Array
-    rod: Array
-    reciprocating_mass: Array
-    firing_angle: Array
-    ambient_pressure: Array
-    gas_torque_mean: Array
-    gas_torque: Array
-    pressure: Array
-    scale_rpm: Array
-    scale_factor: Array
-    traces: Traces | None = None
-    combustion: Combustions | None = None
-    load_rpm: Array | None = None
-    load_share: Array | None = None
-    gas_factor: Array | None = None
-    injection: Array | None = None
+Train = TypeVar("Train", bound=TrainArrays)
+"""A train of any class, where what goes in and what comes out are of one."""
 
 
 def column(elements: Sequence[Any], name: str, absent: float = 0.0) -> np.ndarray:

@@ -16,9 +16,15 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Number
-from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
-from jaxhb.excitation.gas import GasCycles
+from jaxhb.elements.elements import (
+    OF_GEARS,
+    OF_PERIOD,
+    TABLES,
+    SceneError,
+    shown,
+    suggestion,
+)
+from jaxhb.excitation.tables import GasCycles
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,10 +41,10 @@ from jaxhb.balance.sweeps import (
 from jaxhb.balance.swept import solve_by_sweeps
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.results.status import Status
 from jaxhb.solutions import planning
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import listed_harmonic
 
 RPM = 600.0
 STEPS = 512

@@ -12,10 +12,10 @@ from reference_data import reference, text_of
 
 from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
-from jaxhb.excitation.torques import excitation
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import excitation
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = "\n" + text_of("six_cylinders.toml")

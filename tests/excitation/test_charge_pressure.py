@@ -12,9 +12,9 @@ from tolerances import ALGEBRAIC
 from jaxhb.elements.elements import Combustion, Cylinder, SceneError
 from jaxhb.excitation.gas import charge_pressures
 from jaxhb.excitation.mean_torques import gas_pressures
-from jaxhb.excitation.torques import excitation
 from jaxhb.report.text.scene_check import charges_of
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
+from jaxhb.train.excitation import excitation
 
 FULL = 3.6e5
 IMEP = 1.8e6

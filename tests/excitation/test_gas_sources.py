@@ -23,8 +23,8 @@ from jaxhb.elements.elements import (
     Torque,
     Trace,
 )
-from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import excitation, highest_harmonic, listed_harmonic
 
 SWEPT = np.pi / 4 * 0.1**2 * 0.12
 

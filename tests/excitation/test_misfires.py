@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from tolerances import ALGEBRAIC, GRADIENT
 
 from jaxhb.elements.elements import Combustion, Cylinder, SceneError, Trace
-from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.train.excitation import excitation, highest_harmonic
 
 BORE = 0.3
 STROKE = 0.4

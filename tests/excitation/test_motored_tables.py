@@ -12,7 +12,7 @@ from built_trains import pair
 from simulated_cycles import Engine, Opening, cycle, torque_harmonics
 
 from jaxhb.elements.elements import Cylinder
-from jaxhb.excitation.torques import excitation
+from jaxhb.train.excitation import excitation
 
 ENGINES = {
     "medium speed, turbocharged": Engine(

@@ -29,7 +29,7 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.writer import elements_text, scene_text
 from jaxhb.train.assembly import build
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
 
 
 def disk(name, inertia, damping=0.0):

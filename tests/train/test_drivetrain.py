@@ -19,9 +19,9 @@ from jaxhb.elements.elements import (
     Shaft,
     Torque,
 )
-from jaxhb.equations.kinematics import inertias, speed_ratios
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
+from jaxhb.train.kinematics import inertias, speed_ratios
 
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),

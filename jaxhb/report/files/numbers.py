@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import WITHOUT, number
@@ -27,9 +26,10 @@ from jaxhb.results.bounds import Certificate
 from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
 from jaxhb.results.record import PERCENT, PerCycle, RecordedSignal
 from jaxhb.results.signal import MISSED, Signal
+from jaxhb.train.checks.plausible import plausibility
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.firing import not_firing
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.omission import not_firing
 
 if TYPE_CHECKING:
     from jaxhb.results.dataset import Dataset

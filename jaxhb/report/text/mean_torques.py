@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxhb.excitation.torques import excitation
 from jaxhb.linear.strength import train_of
 from jaxhb.report.text.columns import plain_number
 from jaxhb.results.response import Response
-from jaxhb.train.plausible import compressors
+from jaxhb.train.checks.plausible import compressors
+from jaxhb.train.excitation import excitation
 from jaxhb.train.topology import Topology
 
 NOTED_SHARE = 0.01

@@ -12,9 +12,7 @@ from jaxhb.design.quantities import check_all
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.elements.elements import SceneError
-from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.fourier import sample
-from jaxhb.equations.kinematics import Referred, referred, tooth_damping_ratios
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.linear.strength import train_of
@@ -31,8 +29,10 @@ from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
 from jaxhb.results.response import Response
 from jaxhb.train import connections
+from jaxhb.train.checks.plausible import plausibility
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.kinematics import Referred, referred, tooth_damping_ratios
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed

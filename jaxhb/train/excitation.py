@@ -16,26 +16,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxhb._jax import Array, Number, added, namespace, remembered
-from jaxhb.equations import fourier
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
-from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
-from jaxhb.excitation.gas import (
-    GasCycles,
-    components,
-    injection,
-    unburnt_weights,
-    weights,
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
+from jaxhb.excitation.crank import CRANK_SAMPLES
+from jaxhb.excitation.cylinder_harmonics import (
+    harmonic_weights,
+    pressure_harmonics,
+    unit_inertia_harmonics,
 )
+from jaxhb.excitation.gas import injection
 from jaxhb.excitation.mean_torques import mean_torques, scale_at
-
-if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
-    from jaxhb.train.topology import Topology
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.tables import TrainArrays
+from jaxhb.train.topology import Topology
 
 INERTIA_ORDERS_THAT_COUNT = 6
 """Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of
@@ -46,95 +42,20 @@ the largest.
 NEGLIGIBLE_GAS = 1e-6
 
 
-@remembered
-def _pressure_harmonics(
-    table, cylinders: Sequence[int], cycles: GasCycles
-) -> tuple[Array, Array]:
-    """Harmonics of the gas cycle of p A x' [J, n, K] N m, one for each component of p,
-    and of p_ambient A x' [n, K].
-
-    ``cylinders`` are the n rows of the table.
-    """
-    revolutions = np.array([cycles.revolutions[i] for i in cylinders])
-    xp = namespace(table)
-    rows = np.array(cylinders, dtype=int)
-    pressure = xp.asarray(components(table, cycles))[:, rows]
-    ambient, bore, stroke, rod = (
-        xp.asarray(values)[rows]
-        for values in (table.ambient_pressure, table.bore, table.stroke, table.rod)
-    )
-    ambient = xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))
-    pressures = xp.concatenate([pressure, ambient])
-    torque = gas_torque(pressures, bore, stroke, rod, revolutions=revolutions)
-    if cycles.skipping:
-        every = [cycles.every[i] for i in rows]
-        return _over_several_cycles(torque[:-1], torque[-1], every)
-    harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
-    return harmonics[:-1], harmonics[-1]
-
-
-def _over_several_cycles(
-    torque: Array, ambient: Array, every: Sequence[int]
-) -> tuple[Array, Array]:
-    """Harmonics as of :func:`_pressure_harmonics`, of cylinders that are injected in
-    one of ``every`` [n] gas cycles: those of all these cycles.
-
-    Components [J, n, M] hold in the gas cycle round the injection; the components
-    without injection, the second half of all but the heat, hold in the other cycles
-    too, and follow once more with that part.
-    """
-    xp = namespace(torque)
-    samples = torque.shape[-1]
-    half = samples // 2
-    groups = []
-    members = []
-    for cycles in sorted(set(every)):
-        rows = np.flatnonzero(np.array(every) == cycles)
-        of_rows = torque[:, rows]
-        between = xp.zeros((*of_rows.shape[:-1], (cycles - 1) * samples))
-        with_injection = xp.concatenate(
-            [of_rows[..., :half], between, of_rows[..., half:]], axis=-1
-        )
-        turned = xp.roll(of_rows, -half, axis=-1)
-        idle = between
-        if cycles > 1:
-            idle = xp.concatenate([turned] * (cycles - 1), axis=-1)
-        zeros = xp.zeros((*idle.shape[:-1], half))
-        without = xp.concatenate([zeros, idle, zeros], axis=-1)
-        outside = xp.concatenate([ambient[None, rows]] * cycles, axis=-1)
-        signal = xp.concatenate([with_injection, without, outside])
-        groups.append(fourier.analyze(signal, half))
-        members.append(rows)
-    order = np.argsort(np.concatenate(members))
-    harmonics = xp.concatenate(groups, axis=1)[:, order]
-    return harmonics[:-1], harmonics[-1]
-
-
-@remembered
-def _unit_inertia_harmonics(table, short_series: Sequence[bool]) -> Array:
-    """Harmonics [..., 257] of the torque of 1 kg at 1 rad/s over a revolution of each
-    cylinder's crank, m2.
-    """
-    torque = inertia_torque(
-        table.stroke, table.rod, short_series=np.array(short_series)
-    )
-    return fourier.analyze(torque, CRANK_SAMPLES // 2)
-
-
-def _computed_gas(train: DriveTrain) -> tuple:
-    """Cylinders whose gas torque is computed, and their :func:`_pressure_harmonics`,
+def _computed_gas(train: TrainArrays) -> tuple:
+    """Cylinders whose gas torque is computed, and their :func:`pressure_harmonics`,
     also of the ambient pressure.
     """
     cycles = train.topology.gas_cycles
     rows = tuple(i for i, computed in enumerate(cycles.computed) if computed)
     if not rows:
         return rows, None, None
-    harmonics, ambient = _pressure_harmonics(train.cylinders, rows, cycles)
+    harmonics, ambient = pressure_harmonics(train.cylinders, rows, cycles)
     return rows, harmonics, ambient
 
 
 def excitation(
-    train: DriveTrain, rpm: Number, harmonics: int
+    train: TrainArrays, rpm: Number, harmonics: int
 ) -> tuple[Array, Array, Array]:
     """Torque in N m on every disk up to harmonic N of the cycle, complex [..., n_disks,
     N + 1], loads included; the mean torque of each load [..., n_loads]; and the
@@ -163,15 +84,20 @@ def excitation(
 
 
 @remembered
-def _cached_excitation(train, rpm, harmonics):
+def _cached_excitation(
+    train: TrainArrays, rpm: float, harmonics: int
+) -> tuple[Array, Array, Array]:
     """Remember :func:`_excitation` at a speed, as read-only arrays of the host."""
     torque, load_torque, imbalance = _excitation(train, rpm, harmonics)
-    torque.flags.writeable = False
-    load_torque.flags.writeable = False
+    for values in (torque, load_torque):
+        assert isinstance(values, np.ndarray)  # remembered are those of the host alone
+        values.flags.writeable = False
     return torque, load_torque, imbalance
 
 
-def _excitation(train: DriveTrain, rpm: Number, harmonics: int):
+def _excitation(
+    train: TrainArrays, rpm: Number, harmonics: int
+) -> tuple[Array, Array, Array]:
     """Compute :func:`excitation` anew."""
     xp = namespace(train, rpm)
     topology = train.topology
@@ -215,7 +141,9 @@ def _excitation(train: DriveTrain, rpm: Number, harmonics: int):
     return torque, load_torque, torque[..., 0].real @ ratio
 
 
-def _add_cylinders(torque: Array, train: DriveTrain, rpm: Array, ratio: Array) -> Array:
+def _add_cylinders(
+    torque: Array, train: TrainArrays, rpm: Array, ratio: Array
+) -> Array:
     """Add the harmonics of the gas torques, prescribed and computed, and of the
     reciprocating masses.
     """
@@ -255,7 +183,7 @@ def _add_cylinders(torque: Array, train: DriveTrain, rpm: Array, ratio: Array) -
 
     def computed(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
         row = np.searchsorted(rows, i)
-        weighted = _gas_weights(table, cycles, rpm)[..., i] * parts[:, row, k + 1]
+        weighted = harmonic_weights(table, cycles, rpm)[..., i] * parts[:, row, k + 1]
         gas = weighted.sum(axis=-2)
         return factor[i] * (scale[..., i] * gas - ambient[row, k + 1]) * phase(i, n)
 
@@ -269,7 +197,7 @@ def _add_cylinders(torque: Array, train: DriveTrain, rpm: Array, ratio: Array) -
     def inertia(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
         disk = np.array(disks, dtype=int)
         speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm[..., None]
-        unit = _unit_inertia_harmonics(table, topology.cylinder_series)
+        unit = unit_inertia_harmonics(table, topology.cylinder_series)
         of_mass = (table.reciprocating_mass * speed**2)[..., i]
         return of_mass * unit[i, k + 1] * phase(i, n)
 
@@ -281,20 +209,8 @@ def _add_cylinders(torque: Array, train: DriveTrain, rpm: Array, ratio: Array) -
     return _add_listed(torque, disks, lists, inertia)
 
 
-def _gas_weights(table, cycles: GasCycles, rpm: Number) -> Array:
-    """Weights [..., J, nc] of all harmonics that :func:`_pressure_harmonics` gives."""
-    by_component = weights(table, cycles, rpm)
-    if not cycles.skipping:
-        return by_component
-    unburnt = unburnt_weights(table, rpm)
-    xp = namespace(by_component, unburnt)
-    burnt = by_component.shape[-2] - unburnt.shape[-2]
-    zeros = xp.zeros((*by_component.shape[:-2], burnt, by_component.shape[-1]))
-    return xp.concatenate([by_component, zeros, unburnt], axis=-2)
-
-
 def _turned(
-    train: DriveTrain, members: Sequence[Sequence[int]], i: np.ndarray, n: np.ndarray
+    train: TrainArrays, members: Sequence[Sequence[int]], i: np.ndarray, n: np.ndarray
 ) -> Number:
     """Factor exp(-i n alpha / turn) of elements i at harmonics n of the cycle, over all
     phases of which they are members.
@@ -360,7 +276,7 @@ def _coefficients(rows: Array, i: np.ndarray, k: np.ndarray) -> Array:
     return 0.5 * (pair[:, 0] + 1j * pair[:, 1])
 
 
-def load_power_kW(train: DriveTrain, rpm: Number, load_torque: Array) -> Array:  # noqa: N802
+def load_power_kW(train: TrainArrays, rpm: Number, load_torque: Array) -> Array:  # noqa: N802
     """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j
     load_torque_j x ratio_j x 2 pi rpm / 60.
     """
@@ -370,7 +286,7 @@ def load_power_kW(train: DriveTrain, rpm: Number, load_torque: Array) -> Array: 
     return -at_reference * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 
 
-def highest_harmonic(train: DriveTrain) -> int:
+def highest_harmonic(train: TrainArrays) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that
     counts. Host: concrete values.
 

@@ -15,15 +15,16 @@ import numpy as np
 
 from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import (
+    OF_PERIOD,
     Combustion,
     Cylinder,
     Suggestions,
     Torque,
     shown,
 )
-from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
+from jaxhb.excitation.tables import COMPUTED, GasCycles
 from jaxhb.train import connections, tables
 from jaxhb.train.connections import members_of, names_of, pieces
 
@@ -268,7 +269,7 @@ def _mean_fields(element: Torque | Cylinder) -> tuple[str, ...]:
     """Fields that decide the mean torque of a given torque or a cylinder."""
     if isinstance(element, Torque):
         return ("mean", "scale", "rated_rpm", "speed_exponent")
-    of_pressure = (*gas.COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
+    of_pressure = (*COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
     return (
         "fires",
         "scale",
@@ -308,7 +309,7 @@ def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
             for element, _ in sound_seats
         ]
     cylinders = sound_elements["cylinder"]
-    cycles = gas.GasCycles(
+    cycles = GasCycles(
         source=tuple(gas.source_word(cylinder) for cylinder in cylinders),
         fires=tuple(cylinder.fires for cylinder in cylinders),
         cut_off=(False,) * len(cylinders),

@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Number, on_host, refuse_tracers
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
 from jaxhb.elements.rules import RULES
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
+from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
+from jaxhb.train.kinematics import tooth_damping_ratios
 
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
@@ -260,7 +262,7 @@ def _pressures(train: DriveTrain) -> Iterator[Note]:
         peak = peaks[i]
         angle = angles[farthest[i], i]
         source = topology.cylinder_source[i]
-        if source not in gas.COMPUTED:
+        if source not in COMPUTED:
             continue
         if i not in percent and peak > 0:
             low, high, unit, question = USUAL["the largest pressure"]
@@ -324,7 +326,7 @@ def compressors(train: DriveTrain) -> set[int]:
     speeds = connections.speeds(train)
     one_revolution = np.array(topology.cylinder_gas_revolutions, dtype=int) == 1
     computed = np.array(
-        [source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool
+        [source in COMPUTED for source in topology.cylinder_source], dtype=bool
     )
     if not (one_revolution & computed).any():
         return set()
@@ -348,7 +350,7 @@ def _firings(train: DriveTrain) -> Iterator[Note]:
     cranks: dict[tuple[int, float], list[tuple[float, str]]] = {}
     for i, name in enumerate(topology.cylinder_names):
         if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
-            computed = topology.cylinder_source[i] in gas.COMPUTED
+            computed = topology.cylinder_source[i] in COMPUTED
             gas_turns = (
                 topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
             )

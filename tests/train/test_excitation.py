@@ -13,14 +13,14 @@ from jaxhb.equations import fourier
 from jaxhb.excitation.crank import gas_torque, inertia_torque, slider_crank
 from jaxhb.excitation.gas import gas_cycle
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.excitation.torques import (
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
+from jaxhb.train.excitation import (
     excitation,
     highest_harmonic,
     listed_harmonic,
     load_power_kW,
 )
-from jaxhb.scene.files import load_scene
-from jaxhb.train.assembly import build
 
 TRACE = [(0.0, 1e5), (300.0, 2e6), (370.0, 1e7), (500.0, 4e5), (720.0, 1e5)]
 
