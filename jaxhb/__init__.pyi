@@ -30,20 +30,22 @@ from .elements.derived import (
     viscous_damping as viscous_damping,
 )
 from .elements.elements import (
-    Combustion as Combustion,
-    Cylinder as Cylinder,
     Damper as Damper,
     Disk as Disk,
     Ground as Ground,
     Load as Load,
     Mesh as Mesh,
     Phase as Phase,
-    SceneError as SceneError,
     Shaft as Shaft,
-    Torque as Torque,
-    Trace as Trace,
 )
 from .elements.engine import Engine as Engine
+from .elements.excitations.crank_slider import (
+    Combustion as Combustion,
+    Cylinder as Cylinder,
+    Trace as Trace,
+)
+from .elements.excitations.torque import Torque as Torque
+from .elements.sentences import SceneError as SceneError
 from .floquet.stability import Stability as Stability, stability as stability
 from .integration.reference import (
     integrate as integrate,

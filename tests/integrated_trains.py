@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from jaxhb._jax import on_host
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.backlash import Law, MeshParameters
 from jaxhb.equations.block_sweep import slots

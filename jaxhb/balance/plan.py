@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.balance.problem import ActiveMeshes
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain

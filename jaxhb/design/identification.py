@@ -26,7 +26,7 @@ from jaxhb._shown import brief
 from jaxhb.design.evaluation import Task
 from jaxhb.design.measurements import Measured
 from jaxhb.design.quantities import Parameter, parameter_faults
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.tangent import linear_train
 from jaxhb.results.answers import left_out, solved

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb.design import objectives
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.linear.strength import having, stress_limits
 from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal

@@ -16,26 +16,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from jaxhb.elements.elements import (
-    TABLES,
-    Combustion,
-    SceneError,
-    Suggestions,
-    cut,
-    fields_of,
-    shown,
-    suggestion,
-    table_of,
-)
+from jaxhb.elements.declared import HARMONICS, fields_of, table_of
+from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import (
-    TOGETHER,
-    field_errors,
-    is_list,
-    joined,
-    row_errors,
-)
-from jaxhb.excitation import gas
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.crank_slider import Combustion
+from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
+from jaxhb.elements.value_checks import TOGETHER
+from jaxhb.elements.values import field_errors, is_list, joined, row_errors
 
 
 def read_scenarios(
@@ -117,10 +105,10 @@ def _scenario_errors(
         for declared in dataclasses.fields(TABLES[table])
         if declared.metadata["kind"] in kinds
     }
-    has_orders = field in ("harmonics", "gas_torque")
+    has_orders = field in ORDER_ROWS
     rows = getattr(parts.tables[table][index], field, None) if has_orders else None
     if rows:
-        errors = row_errors(field, ("order", "Re", "Im"), value)
+        errors = row_errors(field, HARMONICS, value)
         orders = [row[0] for row in rows]
         if errors or [row[0] for row in value] == orders:
             return [f"{name!r}: {text}" for text in errors]
@@ -162,6 +150,8 @@ def _combustion_errors(
 
 
 LINKS = ("shaft", "mesh")
+ORDER_ROWS = {"harmonics", *(kind.order_rows for kind in EXCITATIONS.values())}
+"""Keys of loads and of excitations that a scenario may change row by row."""
 
 
 class Parts:
@@ -332,8 +322,8 @@ class Parts:
         return self._seats[table]
 
     def phased(self, i: int) -> dict[str, list[int]]:
-        """Indices of the cylinders and torques that a phase names, by table; the name
-        of an engine stands for its cylinders.
+        """Indices of the elements that a phase names, by the table of their kind of
+        excitation; the name of an engine stands for its cylinders.
         """
         members = self.tables["phase"][i].of
         listed = members if isinstance(members, tuple | list) else ()
@@ -347,19 +337,17 @@ class Parts:
 
     @cached_property
     def _phased(self) -> dict[str, dict[str, list[int]]]:
-        """Indices of cylinders and torques by the names that a phase may give: their
-        own, and for cylinders that of the engine.
+        """Indices of elements by the names that a phase may give: their own, and for
+        cylinders that of the engine.
         """
-        by_table: dict[str, dict[str, list[int]]] = {
-            "cylinder": defaultdict(list),
-            "torque": defaultdict(list),
-        }
-        for table, indices_of in by_table.items():
+        by_table: dict[str, dict[str, list[int]]] = {}
+        for table, kind in EXCITATIONS.items():
+            indices_of = by_table[table] = defaultdict(list)
             for index, name in enumerate(self.names[table]):
                 indices_of[str(name)].append(index)
-        for index, name in enumerate(self.names["cylinder"]):
-            # "port" is the engine of the cylinders "port 1", "port A2", ...
-            by_table["cylinder"][str(name).rpartition(" ")[0]].append(index)
+                if kind.of_engines:
+                    # "port" is the engine of the cylinders "port 1", "port A2", ...
+                    indices_of[str(name).rpartition(" ")[0]].append(index)
         return by_table
 
     def ends(self, table: str) -> list[tuple[int, int]]:
@@ -463,8 +451,6 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
     return errors
 
 
-# Pressure tables on their grid: 0.6 MB each while a scene is checked
-MOST_PRESSURES = 1000
 # Rows of a key over all elements, the shorter lists padded as the longest
 MOST_ROWS = 2_000_000
 
@@ -490,22 +476,11 @@ def size_errors(parts: Parts) -> list[str]:
                     f"{parts.source}, [[{table}]]: {excess}, must be at most"
                     f" {MOST_ROWS} together. Thin them out."
                 )
-    sources = [
-        cylinder for cylinder in parts.tables["cylinder"] if gas.source(cylinder)
+    errors += [
+        f"{parts.source}, [[{table}]]: {text}"
+        for table, kind in EXCITATIONS.items()
+        for text in kind.size_errors(parts.tables[table])
     ]
-    tables = len(sources) * max(
-        (len(cylinder.traces) for cylinder in sources if is_list(cylinder.traces)),
-        default=1,
-    )
-    if tables > MOST_PRESSURES:
-        excess = (
-            f"{len(sources)} cylinders need {tables} pressure tables, must be at most"
-            f" {MOST_PRESSURES}"
-        )
-        errors.append(
-            f"{parts.source}, [[cylinder]]: {excess}. Give some of them gas_torque"
-            " instead."
-        )
     return errors
 
 

@@ -425,12 +425,12 @@ def _with_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:
     return xp.stack([without_work(of_charge), without_work(of_exhaust), burnt])
 
 
-def outside_traces(train, rpm: Number) -> list[str]:
+def outside_traces(
+    names: Sequence[str], cylinders: Cylinders, rpm: Number
+) -> list[str]:
     """Write sentences on speeds and loads outside of the range of traces; see
     :meth:`DriveTrain.outside_traces`.
     """
-    cylinders = train.cylinders
-    names = train.topology.cylinder_names
     traces = cylinders.traces
     cylinders_by_range: dict[tuple[str, str], list[str]] = {}
     if traces is None:

@@ -1,4 +1,4 @@
-"""The numbers of torques and cylinders as arrays, each field one vector over its
+"""The numbers of cylinders as arrays, each field one vector over its
 elements, and what of their gas cycles is fixed.
 """
 
@@ -54,8 +54,8 @@ class Traces:
 
 @table
 class Combustions:
-    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat``
-    or ``imep``, and ``exhaust_pressure``, are 0 if absent.
+    """The numbers of a :class:`~jaxhb.Combustion`, each [n]; ``heat`` or ``imep``, and
+    ``exhaust_pressure``, are 0 if absent.
 
     ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of
     their gas cycle; ``by_work`` [n] tells which have an ``imep``; ``charge_by`` [n]
@@ -80,23 +80,6 @@ class Combustions:
     expansion_exponent: Array
     charge_at: Array | None = None
     charge_factor: Array | None = None
-
-
-@table
-class Torques:
-    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale
-    over rpm [nt, L].
-
-    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
-    no torque has a rated speed.
-    """
-
-    mean: Array
-    harmonics: Array
-    scale_rpm: Array
-    scale_factor: Array
-    rated_rpm: Array | None = None
-    speed_exponent: Array | None = None
 
 
 @table
@@ -131,7 +114,7 @@ class Cylinders:
     injection: Array | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GasCycles:
     """Gas cycle of each cylinder: where its torque comes from (one of
     :data:`COMPUTED`, "harmonics" or "none"), whether it fires, whether it is cut off

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, refuse_tracers
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.backlash import error_load
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.modal import Modes, natural_frequencies

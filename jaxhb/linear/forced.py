@@ -32,7 +32,7 @@ from jax import lax
 
 from jaxhb._jax import Array, Numbers, concrete, namespace, on_host, staged, traced
 from jaxhb._program import Program
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
 from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.results.response import Response, register

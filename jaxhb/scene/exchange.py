@@ -30,16 +30,9 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from jaxhb.elements.elements import (
-    Disk,
-    Mesh,
-    SceneError,
-    Shaft,
-    cut,
-    shown,
-    suggestion,
-)
-from jaxhb.elements.value_checks import plain_number
+from jaxhb.elements.elements import Disk, Mesh, Shaft
+from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
+from jaxhb.elements.values import plain_number
 from jaxhb.scene.csv_tables import CsvText, read_csv
 from jaxhb.train.checks.consistency import fitting_cycle
 

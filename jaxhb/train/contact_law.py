@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.train import connections
+from jaxhb.train import excitation
 from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.varying import without_tables
 
@@ -82,10 +81,10 @@ def _least_mean_forces(train: TrainArrays) -> np.ndarray:
     # Here: it imports jax, which a train without a mesh to decide on does without.
     from jaxhb.train import chain
 
-    speeds = connections.speeds(train)
-    rated = train.torques.rated_rpm
+    speeds = excitation.speeds(train)
     # A torque that follows a power of the speed has a point at its rated speed alone.
-    speeds = np.append(speeds, [] if rated is None else IDLE * rated)
+    for kind, numbers, _ in train.excited():
+        speeds = np.append(speeds, IDLE * kind.rated_speeds(numbers))
     speeds = speeds[speeds > 0] if np.any(speeds > 0) else np.array([ANY_SPEED])
     system = chain.assemble(without_tables(train))
     load = _mean_torques(train, speeds).T / system.radius[:, None]
@@ -104,15 +103,13 @@ def _mean_torques(train: TrainArrays, speeds: np.ndarray) -> np.ndarray:
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
     topology = train.topology
     disks = train.topology.n_disks
-    seats = [*topology.torque_disk, *topology.cylinder_disk]
-    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
-    torque = connections.on_disks(disks, seats, means)
+    torque = excitation.mean_on_disks(train, speeds)
     if not topology.load_disk:
         return torque
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     share = train.loads.share
     load_share = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
-    return torque + connections.on_disks(
+    return torque + excitation.on_disks(
         disks, topology.load_disk, -np.outer(torque @ ratio, load_share)
     )
 

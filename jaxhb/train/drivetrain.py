@@ -15,7 +15,7 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
-from jaxhb.elements.elements import SceneError, shown, suggestion
+from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
 from jaxhb.train.kinematics import speed_ratios
@@ -207,12 +207,12 @@ class DriveTrain(TrainArrays):
             )
         values = dict(self.scenarios[name])
         train = self.without(*values.pop("without", ()))
-        names = train.topology.cylinder_names
-        fires_by_name = zip(names, train.topology.cylinder_fires, strict=True)
+        cylinders = train.topology.cylinders
+        fires_by_name = zip(cylinders.names, cylinders.fires, strict=True)
         fires = tuple(
             values.pop(f"{cylinder}.fires", fires) for cylinder, fires in fires_by_name
         )
-        topology = dataclasses.replace(train.topology, cylinder_fires=fires)
+        topology = train.topology.with_cylinders(fires=fires)
         # Rows are (order, Re, Im), of the orders that the train has.
         numbers = {
             key: np.array(value)[:, 1:] if isinstance(value, list) else value
@@ -248,18 +248,18 @@ class DriveTrain(TrainArrays):
         there is no such cylinder.
 
         >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
-        >>> train.topology.cylinder_fires
+        >>> train.topology.cylinders.fires
         (True, True, False, True, True, True)
         """
         injected = [name not in cylinders for name in self._known_cylinders(cylinders)]
         fires = tuple(
             is_injected and fires_now
             for is_injected, fires_now in zip(
-                injected, self.topology.cylinder_fires, strict=True
+                injected, self.topology.cylinders.fires, strict=True
             )
         )
         return dataclasses.replace(
-            self, topology=dataclasses.replace(self.topology, cylinder_fires=fires)
+            self, topology=self.topology.with_cylinders(fires=fires)
         )
 
     def cut_off(self, *cylinders: str) -> DriveTrain:
@@ -271,16 +271,16 @@ class DriveTrain(TrainArrays):
         cut_off = tuple(
             is_cut or was_cut
             for is_cut, was_cut in zip(
-                newly_cut, self.topology.cylinder_cut_off, strict=True
+                newly_cut, self.topology.cylinders.cut_off, strict=True
             )
         )
         return dataclasses.replace(
-            self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off)
+            self, topology=self.topology.with_cylinders(cut_off=cut_off)
         )
 
     def _known_cylinders(self, cylinders: Sequence[str]) -> tuple[str, ...]:
         """Names of all cylinders; refuses ``cylinders`` with a name that none has."""
-        names = self.topology.cylinder_names
+        names = self.topology.cylinders.names
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
@@ -340,4 +340,4 @@ class DriveTrain(TrainArrays):
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same
         traces; empty where all is covered.
         """
-        return gas.outside_traces(self, rpm)
+        return gas.outside_traces(self.topology.cylinders.names, self.cylinders, rpm)

@@ -13,17 +13,15 @@ import numpy as np
 
 from jaxhb._jax import Array, traced
 from jaxhb.elements.derived import LINKS, link_number
-from jaxhb.elements.elements import SceneError, shown, suggestion
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
-from jaxhb.train.changes import TABLE_OF
+from jaxhb.train.tables import with_table
 
 if TYPE_CHECKING:
     from jaxhb.train.tables import Train, TrainArrays
     from jaxhb.train.topology import Topology
-
-# Tables of elements that sit on one disk
-SEATED = ("ground", "load", "torque", "cylinder")
 
 
 def without(train: Train, names: Sequence[str]) -> Train:
@@ -46,13 +44,11 @@ def without(train: Train, names: Sequence[str]) -> Train:
             " belongs. Make a disk that stays the reference."
         )
     keep, disks = _remaining(topology, {elements[name] for name in names})
-    tables: dict[str, Any] = {}
-    for table, attribute in TABLE_OF.items():
-        numbers = getattr(train, attribute)
-        tables[attribute] = None if numbers is None else _rows(numbers, keep[table])
-    changed = dataclasses.replace(
-        train, topology=_topology(topology, keep, disks), **tables
-    )
+    changed = dataclasses.replace(train, topology=_topology(topology, keep, disks))
+    for table, rows in keep.items():
+        numbers = train.table(table)
+        if numbers is not None:
+            changed = with_table(changed, table, _rows(numbers, rows))
     errors = connections.train_errors(changed)
     if errors:
         raise SceneError(errors)
@@ -69,7 +65,7 @@ def _remaining(
     links = [
         (table, index)
         for table in LINKS
-        for index in range(len(getattr(topology, f"{table}_names")))
+        for index in range(len(topology.names_of(table)))
     ]
     closed_ends = [
         ends
@@ -94,27 +90,23 @@ def _remaining(
     seats: dict[tuple[str, int], tuple[int, ...]] = dict(
         zip(links, topology.link_ends, strict=True)
     )
-    for table in SEATED:
-        seats |= {
-            (table, index): (disk,)
-            for index, disk in enumerate(getattr(topology, f"{table}_disk"))
-        }
-    for table in (*LINKS, *SEATED):
+    seated = {"ground": topology.ground_disk, "load": topology.load_disk}
+    seated |= {table: topology.seats_of(table).disk for table in EXCITATIONS}
+    for table, disks_of in seated.items():
+        seats |= {(table, index): (disk,) for index, disk in enumerate(disks_of)}
+    for table in (*LINKS, *seated):
         joined = [
             index
             for (kind, index), disks_below in seats.items()
             if kind == table and remaining_disks.issuperset(disks_below)
         ]
         keep[table] = [index for index in joined if (table, index) not in out]
-    cylinders = set(keep["cylinder"])
-    torques = set(keep["torque"])
-    phased = zip(topology.phase_cylinders, topology.phase_torques, strict=True)
     phase_stays = [
-        not (
-            cylinders.isdisjoint(phased_cylinders)
-            and torques.isdisjoint(phased_torques)
+        any(
+            not set(keep[table]).isdisjoint(members)
+            for table, members in zip(EXCITATIONS, members_of, strict=True)
         )
-        for phased_cylinders, phased_torques in phased
+        for members_of in topology.phase_members
     ]
     keep["phase"] = [
         index
@@ -166,13 +158,20 @@ def _topology(
             rows = [place[disk] for disk in rows]
         elif suffix == "ends":
             rows = [(place[a], place[b]) for a, b in rows]
-        elif suffix in ("cylinders", "torques"):  # of a phase
-            indices = keep[suffix.removesuffix("s")]
+        elif suffix == "members":  # of a phase
             rows = [
-                tuple(indices.index(index) for index in row if index in indices)
-                for row in rows
+                tuple(
+                    tuple(
+                        keep[kind].index(index) for index in row if index in keep[kind]
+                    )
+                    for kind, row in zip(EXCITATIONS, members, strict=True)
+                )
+                for members in rows
             ]
         fields[field.name] = tuple(rows)
+    fields["excitations"] = tuple(
+        topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
+    )
     varying = {
         name: getattr(topology, name)
         for name in ("hz_links", "amplitude_links", "order_links")
@@ -237,7 +236,7 @@ def not_firing(*trains: TrainArrays) -> list[str]:
     """
     alike: dict[str, dict[str, None]] = {}
     for train in trains:
-        for number, name in enumerate(train.topology.cylinder_names):
+        for number, name in enumerate(train.topology.cylinders.names):
             state = _computed(train, number)
             if state:
                 alike.setdefault(state, {})[name] = None
@@ -255,15 +254,15 @@ def _names_text(names: Sequence[str]) -> str:
 
 def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
-    number = train.topology.cylinder_names.index(cylinder)
-    return train.topology.cylinder_cut_off[number] or _is_zero(
+    number = train.topology.cylinders.names.index(cylinder)
+    return train.topology.cylinders.cut_off[number] or _is_zero(
         train.cylinders.gas_factor, number
     )
 
 
 def _computed(train: TrainArrays, number: int) -> str:
     """Words for what is computed of one cylinder, "" of one that fires."""
-    cycles = train.topology.gas_cycles
+    cycles = train.topology.cylinders
     if cycles.cut_off[number] or _is_zero(train.cylinders.gas_factor, number):
         return CUT_OFF
     if cycles.fires[number] and not _is_zero(train.cylinders.injection, number):

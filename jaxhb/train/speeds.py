@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jaxhb.elements.elements import SceneError, shown
+from jaxhb.elements.sentences import SceneError, shown
 
 if TYPE_CHECKING:
     from jaxhb._jax import Numbers

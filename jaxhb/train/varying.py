@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, traced
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 
 if TYPE_CHECKING:
     from jaxhb.train.tables import Dampers, Shafts, Train, TrainArrays

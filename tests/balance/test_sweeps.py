@@ -39,7 +39,8 @@ from jaxhb.balance.sweeps import (
     vibration_size,
 )
 from jaxhb.balance.swept import solve_by_sweeps
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import fourier
 from jaxhb.results.status import Status
 from jaxhb.solutions import planning

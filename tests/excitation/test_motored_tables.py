@@ -11,7 +11,7 @@ import pytest
 from built_trains import pair
 from simulated_cycles import Engine, Opening, cycle, torque_harmonics
 
-from jaxhb.elements.elements import Cylinder
+from jaxhb.elements.excitations.crank_slider import Cylinder
 from jaxhb.train.excitation import excitation
 
 ENGINES = {

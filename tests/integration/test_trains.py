@@ -14,7 +14,9 @@ from integrated_trains import pair, posed
 from scipy.integrate import solve_ivp
 
 from jaxhb import shooting_correction, solve
-from jaxhb.elements.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import fourier
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.integration import reference

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
     RIGID,
