@@ -152,14 +152,12 @@ class TrainArrays:
     @property
     def torques(self) -> Torques:
         """Numbers of the torques of the scene."""
-        torques: Torques = self.excitations["torque"]
-        return torques
+        return self.excitations["torque"]
 
     @property
     def cylinders(self) -> Cylinders:
         """Numbers of the cylinders."""
-        cylinders: Cylinders = self.excitations["cylinder"]
-        return cylinders
+        return self.excitations["cylinder"]
 
     def table(self, name: str) -> Any:
         """Numbers of the elements of a ``[[table]]``; None of absent phases."""

@@ -19,7 +19,6 @@ from jaxhb._jax import Number
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES
 from jaxhb.elements.excitations import EXCITATIONS, Seats
 from jaxhb.elements.excitations.cylinder import CylinderSeats
-from jaxhb.elements.excitations.torque import TorqueSeats
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 
 
@@ -132,9 +131,9 @@ class Topology:
         return self.excitations[list(EXCITATIONS).index(table)]
 
     @property
-    def torques(self) -> TorqueSeats:
+    def torques(self) -> Seats:
         """What is fixed of the torques of the scene."""
-        return cast(TorqueSeats, self.seats_of("torque"))
+        return self.seats_of("torque")
 
     @property
     def cylinders(self) -> CylinderSeats:

@@ -63,15 +63,14 @@ MOST_PRESSURES = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class CylinderSeats(Seats, GasCycles):
-    """Gas cycles of the cylinders, and ``harmonics`` n of the cycle of each order of a
-    prescribed gas torque; ``step`` the harmonics of the cycle per harmonic of the gas
+    """Gas cycles of the cylinders; ``harmonics`` are those of prescribed gas torques,
+    ``step`` the harmonics of the cycle per harmonic of the gas
     cycle, or of all ``every`` (0 where no pressure is given), and ``turn`` per order of
     its own rotor; ``gas`` and ``inertia`` how many harmonics of the gas cycle and how
     many orders of the own rotor are computed; ``series`` whether the inertia torque is
     that of the short series.
     """
 
-    harmonics: Rows = per_cycle()
     step: tuple[int, ...] = per_cycle()
     turn: tuple[float, ...] = per_cycle()
     gas: tuple[int, ...]
@@ -211,6 +210,7 @@ class CylinderKind(Excitation):
         return CylinderSeats(
             names=tuple(names),
             disk=tuple(disks),
+            own=(True,) * len(elements),
             source=tuple(map(gas.source_word, elements)),
             fires=tuple(cylinder.fires for cylinder in elements),
             cut_off=(False,) * len(elements),
@@ -344,7 +344,7 @@ class CylinderKind(Excitation):
             return row
         assert numbers.traces is not None  # the field was located in them
         speeds, loads = numbers.traces.sizes[place]
-        parts_of_scene = {
+        parts_of_scene: dict[str, Any] = {
             "traces.rpm": np.s_[:speeds],
             "traces.load": np.s_[:loads],
             "traces.pressure": np.s_[:speeds, :loads],

@@ -29,21 +29,21 @@ def per_cycle() -> Any:
 class Seats:
     """What is fixed of the n elements of a kind when a program is compiled, each field
     a tuple over them: text, integers and floats.
+
+    ``own`` : whether orders are those of its own rotor; ``harmonics`` n of the cycle of
+    each order that the scene gives.
     """
 
     names: tuple[str, ...]
     disk: tuple[int, ...]
-
-    @property
-    def own(self) -> tuple[bool, ...]:
-        """Whether the orders of each element are those of its own rotor."""
-        return (True,) * len(self.names)
+    own: tuple[bool, ...]
+    harmonics: Rows = per_cycle()
 
     def listed(self) -> Rows:
         """Harmonics of the cycle that each element can have, whatever its numbers
         are.
         """
-        raise NotImplementedError
+        return self.harmonics
 
     def repeated(self, cycles: int) -> Self:
         """The same over a cycle ``cycles`` times as long."""

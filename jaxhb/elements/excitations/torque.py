@@ -23,10 +23,8 @@ from jaxhb.elements.declared import (
 from jaxhb.elements.excitations.kind import (
     Excitation,
     Need,
-    Rows,
     Seats,
     Usable,
-    per_cycle,
 )
 from jaxhb.elements.values import sound_orders
 from jaxhb.excitation.mean_torques import scale_at
@@ -69,23 +67,6 @@ class Torques:
     scale_factor: Any
     rated_rpm: Any = None
     speed_exponent: Any = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueSeats(Seats):
-    """``counts_own``: whether orders are those of its own rotor; ``harmonics`` n of the
-    cycle of each order.
-    """
-
-    counts_own: tuple[bool, ...]
-    harmonics: Rows = per_cycle()
-
-    @property
-    def own(self) -> tuple[bool, ...]:
-        return self.counts_own
-
-    def listed(self) -> Rows:
-        return self.harmonics
 
 
 def factor_at(torques: Torques, rpm: Number) -> Array:
@@ -142,16 +123,16 @@ class TorqueKind(Excitation):
         disks: Sequence[int],
         ratios: Sequence[float],
         cycle: float,
-    ) -> TorqueSeats:
+    ) -> Seats:
         own = tuple(torque.orders_of == "own" for torque in elements)
         turns = [
             (ratio if is_own else 1.0) * cycle
             for is_own, ratio in zip(own, ratios, strict=True)
         ]
-        return TorqueSeats(
+        return Seats(
             names=tuple(names),
             disk=tuple(disks),
-            counts_own=own,
+            own=own,
             harmonics=harmonics_of([torque.harmonics for torque in elements], turns),
         )
 
@@ -169,14 +150,14 @@ class TorqueKind(Excitation):
     def rated_speeds(self, numbers: Torques) -> Array:
         return np.zeros(0) if numbers.rated_rpm is None else numbers.rated_rpm
 
-    def means(self, numbers: Torques, seats: TorqueSeats, rpm: Number) -> Array:
+    def means(self, numbers: Torques, seats: Seats, rpm: Number) -> Array:
         return factor_at(numbers, rpm) * numbers.mean
 
     def add_harmonics(
         self,
         torque: Array,
         numbers: Torques,
-        seats: TorqueSeats,
+        seats: Seats,
         rpm: Array,
         ratios: Array,
         turned: Callable[[np.ndarray, np.ndarray], Number],
@@ -188,7 +169,7 @@ class TorqueKind(Excitation):
 
         return add_listed(torque, seats.disk, seats.harmonics, values)
 
-    def highest(self, numbers: Torques, seats: TorqueSeats) -> list[int]:
+    def highest(self, numbers: Torques, seats: Seats) -> list[int]:
         return highest_rows(seats.harmonics, numbers.harmonics)
 
 

@@ -21,6 +21,7 @@ from jaxhb.elements.sentences import Suggestions, shown
 from jaxhb.elements.values import whole
 from jaxhb.train import connections
 from jaxhb.train.connections import members_of, names_of, pieces
+from jaxhb.train.excitation import on_disks
 
 # Share by which the ratio of radii may miss that of the teeth, which then counts
 TEETH_TOLERANCE = 1e-3
@@ -265,7 +266,8 @@ def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
     """Mean torque of all excitations on each disk, where known, N m [speeds,
     n_disks].
     """
-    total = np.zeros((len(speeds), len(parts.disk_names)))
+    all_disks: list[int] = []
+    all_means = []
     for table, kind in EXCITATIONS.items():
         sound_seats = [
             (parts.tables[table][i], disk)
@@ -284,8 +286,10 @@ def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
         ones = [1.0] * len(disks)
         seats = kind.seats(sound_elements, [""] * len(disks), disks, ones, 1.0)
         means = kind.means(kind.numbers(sound_elements), seats, np.asarray(speeds))
-        np.add.at(total, (..., np.array(disks, dtype=int)), means)
-    return total
+        all_disks += disks
+        all_means.append(means)
+    total = np.concatenate(all_means, axis=-1)
+    return on_disks(len(parts.disk_names), all_disks, total)
 
 
 def scale_speeds(parts: Parts) -> list[float]:
