@@ -15,10 +15,10 @@ from tasks import links
 
 from jaxhb.balance.problem import problem_at
 from jaxhb.equations import backlash
-from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import partition
-from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.integration.step import discretize, march
+from jaxhb.train.excitation import highest_harmonic
+from jaxhb.train.mesh_parameters import law_meshes
 
 
 def scipy_march(task, method, rtol, cycles, samples):

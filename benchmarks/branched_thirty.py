@@ -5,8 +5,8 @@ by dense matrices in numpy.
 import numpy as np
 
 import jaxhb
-from jaxhb.excitation.torques import excitation
 from jaxhb.train import chain
+from jaxhb.train.excitation import excitation
 
 MESH = {"stiffness": 2e8, "damping": 500.0}
 """Teeth: the reference has rigid ones."""

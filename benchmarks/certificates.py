@@ -26,7 +26,8 @@ import jaxhb
 import jaxhb.equations.backlash
 from jaxhb import _program
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.mesh_parameters import law_of
 
 FINE = 2048
 MOST = 4096
@@ -47,9 +48,7 @@ def motion(response):
     value = fourier.synthesize(deflection, SAMPLES)
     rate = fourier.synthesize(fourier.derivative(deflection, frequency), SAMPLES)
     train = response.train
-    law = jax.tree.map(
-        np.asarray, jaxhb.equations.backlash.law_of(train.meshes)
-    ).expand()
+    law = jax.tree.map(np.asarray, law_of(train.meshes)).expand()
     gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])[
         :, None
     ]

@@ -27,10 +27,10 @@ from records import cases_line, run_cases
 
 import jaxhb
 from jaxhb.equations import fourier
-from jaxhb.equations.backlash import all_meshes, law_of
 from jaxhb.equations.state_space import matrices
-from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
+from jaxhb.train.excitation import excitation, highest_harmonic
+from jaxhb.train.mesh_parameters import all_meshes, law_of
 
 STEPS_PER_PERIOD = 20
 SETTLING = 256

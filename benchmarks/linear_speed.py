@@ -22,7 +22,7 @@ from branched_thirty import MESH, branched_thirty, numpy_angles
 from records import command_line, exponent, run_parts, timed
 
 import jaxhb
-from jaxhb.excitation.torques import excitation
+from jaxhb.train.excitation import excitation
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "branched_30_disk_linear.json"
 COLUMNS = {

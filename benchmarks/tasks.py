@@ -12,9 +12,9 @@ from scipy.sparse.linalg import eigsh
 
 import jaxhb
 from jaxhb.equations import backlash
-from jaxhb.equations.backlash import all_meshes
-from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
+from jaxhb.train.excitation import excitation, highest_harmonic
+from jaxhb.train.mesh_parameters import all_meshes
 
 
 class Model(NamedTuple):

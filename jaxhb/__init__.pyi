@@ -30,25 +30,22 @@ from .elements.derived import (
     viscous_damping as viscous_damping,
 )
 from .elements.elements import (
-    Combustion as Combustion,
-    Cylinder as Cylinder,
     Damper as Damper,
     Disk as Disk,
     Ground as Ground,
     Load as Load,
     Mesh as Mesh,
     Phase as Phase,
-    SceneError as SceneError,
     Shaft as Shaft,
-    Torque as Torque,
-    Trace as Trace,
 )
 from .elements.engine import Engine as Engine
-from .equations.kinematics import (
-    Referred as Referred,
-    referred as referred,
-    tooth_damping_ratios as tooth_damping_ratios,
+from .elements.excitations.crank_slider import (
+    Combustion as Combustion,
+    Cylinder as Cylinder,
+    Trace as Trace,
 )
+from .elements.excitations.torque import Torque as Torque
+from .elements.sentences import SceneError as SceneError
 from .floquet.stability import Stability as Stability, stability as stability
 from .integration.reference import (
     integrate as integrate,
@@ -129,8 +126,13 @@ from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state
 from .train.assembly import build as build
+from .train.checks.plausible import plausibility as plausibility
 from .train.drivetrain import DriveTrain as DriveTrain
-from .train.plausible import plausibility as plausibility
+from .train.kinematics import (
+    Referred as Referred,
+    referred as referred,
+    tooth_damping_ratios as tooth_damping_ratios,
+)
 
 __version__: str
 

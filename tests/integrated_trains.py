@@ -5,16 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from jaxhb._jax import on_host
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import exact_integrals, fourier
-from jaxhb.equations.backlash import Law, MeshParameters, law_meshes
+from jaxhb.equations.backlash import Law, MeshParameters
 from jaxhb.equations.block_sweep import slots
 from jaxhb.equations.state_space import loss_damping, partition, state_space
-from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.floquet.variational import monodromy
 from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree
+from jaxhb.train.excitation import excitation, highest_harmonic
+from jaxhb.train.mesh_parameters import law_meshes
 
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):

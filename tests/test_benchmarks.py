@@ -14,8 +14,8 @@ from refined_trains import refined, tooth_damping_ratio, with_tooth_damping
 
 import jaxhb
 from jaxhb.design.quantities import check_all
-from jaxhb.equations.backlash import law_meshes
 from jaxhb.train import chain
+from jaxhb.train.mesh_parameters import law_meshes
 
 pytestmark = pytest.mark.slow
 

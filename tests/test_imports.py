@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -36,33 +37,43 @@ ROOMS = [
 MOST_FILES = 14
 
 
-def imported_rooms(path):
-    """Rooms that a module imports when it runs, by name or relative, without those that
-    only types name.
+CIRCULAR = {"results", "report", "steady", "design"}
+"""Rooms whose modules still name each other in a circle."""
+
+
+def name_of(path):
+    """Dotted name of a module of the package; that of a folder for its ``__init__``."""
+    parts = path.relative_to(ROOT.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for path in ROOT.rglob("*.py")}
+
+
+def imported_modules(path):
+    """Modules of the package that a module imports, when it runs or for types alone, by
+    name or relative.
     """
     package = path.relative_to(ROOT.parent).with_suffix("").parts[:-1]
-    tree = ast.parse(path.read_text())
-    blocks = [
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-    ]
-    of_types = {id(inner) for block in blocks for inner in ast.walk(block)}
-    for node in ast.walk(tree):
-        if id(node) in of_types:
-            continue
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             parents = package[: len(package) - node.level + 1]
-            base = ".".join(parents) + "." if node.level else ""
-            names = [f"{base}{node.module or ''}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in names:
-            parts = name.split(".")
-            if parts[0] == "jaxhb" and len(parts) > 1 and parts[1] in ROOMS:
-                yield parts[1]
+            base = ".".join(parents) if node.level else ""
+            module = ".".join(filter(None, (base, node.module)))
+            names += [f"{module}.{alias.name}" for alias in node.names]
+    for name in names:
+        parts = name.split(".")
+        known = (".".join(parts[:size]) for size in range(len(parts), 0, -1))
+        yield from [module for module in known if module in MODULES][:1]
+
+
+def room_of(module):
+    """Room of a module; None of one beside the rooms."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in ROOMS else None
 
 
 def test_every_folder_is_a_room_that_imports_those_below_alone_and_can_be_looked_over():
@@ -72,13 +83,23 @@ def test_every_folder_is_a_room_that_imports_those_below_alone_and_can_be_looked
     assert {path.name for path in ROOT.iterdir() if is_package(path)} == set(ROOMS)
     for rank, name in enumerate(ROOMS):
         for path in (ROOT / name).rglob("*.py"):
-            rooms = imported_rooms(path)
+            rooms = filter(None, map(room_of, imported_modules(path)))
             assert [room for room in rooms if ROOMS.index(room) > rank] == [], path
     for folder in filter(is_package, ROOT.rglob("*")):
         modules = [file for file in folder.glob("*.py") if file.name != "__init__.py"]
         assert len(modules) <= MOST_FILES, folder
         source = (folder / "__init__.py").read_text()
         assert ast.get_docstring(ast.parse(source)), folder
+
+
+def test_no_modules_name_each_other_in_a_circle():
+    graph = {
+        name: {*imported_modules(path)} - {name}
+        for name, path in MODULES.items()
+        if room_of(name) not in CIRCULAR
+    }
+    # Raises CycleError with the circle.
+    assert set(TopologicalSorter(graph).static_order()) >= set(graph)
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():

@@ -15,7 +15,7 @@ from jaxhb._program import Program
 from jaxhb._shown import number
 from jaxhb.balance.plan import check_harmonics
 from jaxhb.balance.problem import force_balance, problem_at
-from jaxhb.elements.elements import SceneError, shown
+from jaxhb.elements.sentences import SceneError, shown
 from jaxhb.equations import fourier
 from jaxhb.equations.residual import ForceBalance
 from jaxhb.train import chain

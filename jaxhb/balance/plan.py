@@ -12,11 +12,11 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.balance.problem import ActiveMeshes
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
-from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import highest_harmonic
 
 # Limit on the harmonics of the cycle, by method: work and memory grow with N, for the
 # chain with N^3 and N^2.

@@ -18,15 +18,16 @@ from jaxhb.equations import (
     exact_integrals,
     fourier,
 )
-from jaxhb.equations.backlash import MeshParameters, all_meshes
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.block_sweep import quotient
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
 from jaxhb.equations.reduced_model import ReducedOrderModel, reduced_model
 from jaxhb.equations.residual import ForceBalance
-from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Fields
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation, listed_harmonic, load_power_kW
+from jaxhb.train.mesh_parameters import all_meshes
 
 
 @jax.tree_util.register_dataclass

@@ -44,13 +44,13 @@ from jaxhb.balance.problem import (
 from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.sweeps import SweepEquation, SweepPlan
 from jaxhb.equations import backlash, condensation, fourier
-from jaxhb.equations.backlash import law_of
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
 from jaxhb.integration.step import force_on_flank
 from jaxhb.results.response import Response
 from jaxhb.results.status import Newton, Status, Sweeps
 from jaxhb.train.changes import within_range
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
 Start = tuple[Array, Array, Array, Number]

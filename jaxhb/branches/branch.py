@@ -21,7 +21,6 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.branches.curve import HarmonicCurve, linearized, null_direction, simplified
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.floquet.stability import stability
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.answers import need_solved
@@ -32,6 +31,7 @@ from jaxhb.results.status import NotConverged
 from jaxhb.solutions import continuation, planning
 from jaxhb.solutions.solve import solve
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
 from jaxhb.train.speeds import check_speed
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out, need_solved

@@ -29,14 +29,14 @@ from jaxhb.certificate.theorem import (
     without_bounds,
 )
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import law_of
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.floquet.stability import train_of
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.bounds import LINEAR, Certificate, Kantorovich
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.mesh_parameters import law_of
 
 # Harmonics in which the linearised equation is solved: twice those of the response,
 # thrice those of the tooth modes, within these; doubled until a bound holds.

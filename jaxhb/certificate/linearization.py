@@ -36,12 +36,12 @@ from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.condensation import CondensedEquation, truncate
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import law_meshes
 
 SAMPLES = 16  # per harmonic, at which largest values are read
 

@@ -25,7 +25,7 @@ from jaxhb.cli.values import (
     speed_range,
     whole,
 )
-from jaxhb.elements.elements import LONGEST_SENTENCE, cut
+from jaxhb.elements.sentences import LONGEST_SENTENCE, cut
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 

@@ -52,7 +52,7 @@ def of_elements(*tables: str) -> Callable:
     def names(
         context: click.Context, parameter: click.Parameter, begun: str
     ) -> list[str]:
-        from jaxhb.elements.elements import SceneError
+        from jaxhb.elements.sentences import SceneError
         from jaxhb.scene.files import load_scene
 
         try:

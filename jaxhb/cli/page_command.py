@@ -24,7 +24,8 @@ from jaxhb.cli.resume import Unfinished
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import tolerance as search
-from jaxhb.elements.elements import TABLES, table_of
+from jaxhb.elements.declared import table_of
+from jaxhb.elements.elements import TABLES
 from jaxhb.report.answer import Case
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
@@ -290,7 +291,7 @@ def _second_designs(
         misfiring = cases.get(cylinder_of(misfire.title))
         if cases:
             second = alike(second, cut_off=cut_off)
-    elif {*arguments.misfire, *arguments.cut_off} <= {*second.topology.cylinder_names}:
+    elif {*arguments.misfire, *arguments.cut_off} <= {*second.topology.cylinders.names}:
         misfiring = second.misfire(*arguments.misfire).cut_off(*arguments.cut_off)
     if misfiring is None:
         return {title: second}

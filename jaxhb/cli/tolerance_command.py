@@ -16,7 +16,7 @@ from jaxhb.design.phases import WorstPhase, worst_phase
 from jaxhb.design.quantities import QUANTITIES, Objective, unit_of
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import Spread, tolerance as search
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
 from jaxhb.report.files import numbers, output

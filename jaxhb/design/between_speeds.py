@@ -20,7 +20,7 @@ import numpy as np
 
 from jaxhb._shown import brief
 from jaxhb.design.quantities import QUANTITIES, Criterion, Penalty, judged, label
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import campbell, modes_of
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.modal import natural_frequencies

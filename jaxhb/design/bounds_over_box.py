@@ -49,10 +49,10 @@ from jaxhb.balance.problem import Problem, problem_at
 from jaxhb.design.quantities import Objective
 from jaxhb.design.tolerances import Box
 from jaxhb.equations import backlash, dynamic_stiffness, fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear import strength
 from jaxhb.train.changes import locate
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 1000  # for a quantity at a speed, at most

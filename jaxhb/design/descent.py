@@ -14,7 +14,7 @@ import optax
 
 from jaxhb._shown import counts
 from jaxhb.design.evaluation import Aim, Evaluator, Point, Reading, where
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.results.checkpoint import computed
 from jaxhb.results.status import Status
 

@@ -49,7 +49,6 @@ from jaxhb.design.quantities import (
     label,
 )
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.results import answers
 from jaxhb.results.response import Response
@@ -57,6 +56,7 @@ from jaxhb.results.status import Status
 from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
 
 if TYPE_CHECKING:
     from jaxhb.design.robust import Scatter

@@ -26,14 +26,14 @@ from jaxhb._shown import brief
 from jaxhb.design.evaluation import Task
 from jaxhb.design.measurements import Measured
 from jaxhb.design.quantities import Parameter, parameter_faults
-from jaxhb.elements.elements import SceneError
-from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.tangent import linear_train
 from jaxhb.results.answers import left_out, solved
 from jaxhb.results.quantities import MEASURED
 from jaxhb.results.status import NotConverged
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
 
 # Share of the largest amplitude of an element that sensors make noise of, too
 FLOOR = 0.05

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb._equal import by_value
-from jaxhb.elements.elements import SceneError, cut, shown, suggestion
+from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.results.quantities import CALLED, MEASURED, names_of
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
 from jaxhb.scene.input_files import Unreadable, read_text

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxhb._jax import Array, Number
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear import strength
 from jaxhb.results.answers import with_zeros

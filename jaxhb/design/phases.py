@@ -27,7 +27,7 @@ from jaxhb.design.quantities import (
     label,
     objective_faults,
 )
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out
 from jaxhb.results.response import FIELDS, Response
@@ -247,15 +247,9 @@ def _circle(topology: Topology, name: str) -> float:
     """
     place = topology.phase_names.index(name)
     turn = topology.phase_turn[place]
-    harmonics = [
-        n for k in topology.phase_torques[place] for n in topology.torque_harmonics[k]
-    ]
-    for i in topology.phase_cylinders[place]:
-        harmonics += topology.cylinder_harmonics[i]
-        harmonics += [topology.cylinder_step[i]] * bool(topology.cylinder_gas[i])
-        harmonics += [round(topology.cylinder_turn[i])] * bool(
-            topology.cylinder_inertia[i]
-        )
+    members = zip(topology.excitations, topology.phase_members[place], strict=True)
+    rows = [seats.listed()[i] for seats, turned in members for i in turned]
+    harmonics = [n for row in rows for n in row]
     # An angle alpha turns harmonic n of the cycle by n alpha / turn.
     common = math.gcd(*harmonics) or 1
     revolutions = Fraction(turn / common).limit_denominator(1000).numerator

@@ -12,14 +12,14 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb.design import objectives
-from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.equations.kinematics import inertias
+from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.linear.strength import having, stress_limits
 from jaxhb.results.motion import Motion
 from jaxhb.results.quantities import CALLED, VIBRATIONS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import inertias
 
 
 @dataclass(frozen=True, kw_only=True)

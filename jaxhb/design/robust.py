@@ -22,7 +22,7 @@ from jaxhb._shown import brief
 from jaxhb.design.quantities import Objective
 from jaxhb.design.tolerances import Box, Tolerance, box_of
 from jaxhb.design.worst_case import Spread, tolerance as search
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.results.checkpoint import Cached, place_in
 from jaxhb.train.drivetrain import DriveTrain
 

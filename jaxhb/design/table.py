@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxhb.design.quantities import Objective, Parameter, Penalty
-from jaxhb.elements.elements import SceneError, shown, suggestion
-from jaxhb.elements.value_checks import number_like
+from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.values import number_like
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import read_speeds
 

@@ -12,8 +12,8 @@ from scipy.linalg import hadamard
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.design.evaluation import Task
 from jaxhb.design.quantities import Objective, own_value
-from jaxhb.elements.elements import SceneError, shown, suggestion
-from jaxhb.elements.value_checks import number_like
+from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.values import number_like
 from jaxhb.train.drivetrain import DriveTrain
 
 # Standard deviations to either side that the range of a ``std`` spans: 99.7 % of all

@@ -39,7 +39,7 @@ from jaxhb.design.evaluation import Evaluator, Point, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
 from jaxhb.design.robust import Robustness, Scatter, check_robust, tune_robust
 from jaxhb.design.tolerances import Tolerance, check_tolerances, read_tolerances
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.results.checkpoint import Cached, keeper, place_in
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed

@@ -38,7 +38,7 @@ from jaxhb.design.tolerances import (
     check_tolerances,
     read_tolerances,
 )
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.results.answers import left_out
 from jaxhb.results.checkpoint import Cached, keeper
 from jaxhb.results.status import NotConverged

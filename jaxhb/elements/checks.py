@@ -16,19 +16,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from jaxhb.elements.elements import (
-    TABLES,
-    Combustion,
-    SceneError,
-    Suggestions,
-    cut,
-    fields_of,
-    shown,
-    suggestion,
-    table_of,
-)
+from jaxhb.elements.declared import HARMONICS, fields_of, table_of
+from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.crank_slider import Combustion
+from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
+from jaxhb.elements.value_checks import TOGETHER
+from jaxhb.elements.values import field_errors, is_list, joined, row_errors
 
 
 def read_scenarios(
@@ -110,10 +105,10 @@ def _scenario_errors(
         for declared in dataclasses.fields(TABLES[table])
         if declared.metadata["kind"] in kinds
     }
-    has_orders = field in ("harmonics", "gas_torque")
+    has_orders = field in ORDER_ROWS
     rows = getattr(parts.tables[table][index], field, None) if has_orders else None
     if rows:
-        errors = row_errors(field, ("order", "Re", "Im"), value)
+        errors = row_errors(field, HARMONICS, value)
         orders = [row[0] for row in rows]
         if errors or [row[0] for row in value] == orders:
             return [f"{name!r}: {text}" for text in errors]
@@ -155,6 +150,8 @@ def _combustion_errors(
 
 
 LINKS = ("shaft", "mesh")
+ORDER_ROWS = {"harmonics", *(kind.order_rows for kind in EXCITATIONS.values())}
+"""Keys of loads and of excitations that a scenario may change row by row."""
 
 
 class Parts:
@@ -325,8 +322,8 @@ class Parts:
         return self._seats[table]
 
     def phased(self, i: int) -> dict[str, list[int]]:
-        """Indices of the cylinders and torques that a phase names, by table; the name
-        of an engine stands for its cylinders.
+        """Indices of the elements that a phase names, by the table of their kind of
+        excitation; the name of an engine stands for its cylinders.
         """
         members = self.tables["phase"][i].of
         listed = members if isinstance(members, tuple | list) else ()
@@ -340,19 +337,17 @@ class Parts:
 
     @cached_property
     def _phased(self) -> dict[str, dict[str, list[int]]]:
-        """Indices of cylinders and torques by the names that a phase may give: their
-        own, and for cylinders that of the engine.
+        """Indices of elements by the names that a phase may give: their own, and for
+        cylinders that of the engine.
         """
-        by_table: dict[str, dict[str, list[int]]] = {
-            "cylinder": defaultdict(list),
-            "torque": defaultdict(list),
-        }
-        for table, indices_of in by_table.items():
+        by_table: dict[str, dict[str, list[int]]] = {}
+        for table, kind in EXCITATIONS.items():
+            indices_of = by_table[table] = defaultdict(list)
             for index, name in enumerate(self.names[table]):
                 indices_of[str(name)].append(index)
-        for index, name in enumerate(self.names["cylinder"]):
-            # "port" is the engine of the cylinders "port 1", "port A2", ...
-            by_table["cylinder"][str(name).rpartition(" ")[0]].append(index)
+                if kind.of_engines:
+                    # "port" is the engine of the cylinders "port 1", "port A2", ...
+                    indices_of[str(name).rpartition(" ")[0]].append(index)
         return by_table
 
     def ends(self, table: str) -> list[tuple[int, int]]:
@@ -454,3 +449,53 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
             f" {shown(reference)}.{near(reference)}"
         )
     return errors
+
+
+# Rows of a key over all elements, the shorter lists padded as the longest
+MOST_ROWS = 2_000_000
+
+
+def size_errors(parts: Parts) -> list[str]:
+    """Find lists that would take more memory than a train may; nothing is computed from
+    them.
+    """
+    errors = []
+    for table, elements in parts.tables.items():
+        for field in fields_of(elements[0]) if elements else ():
+            rows = (
+                [getattr(element, field.name) for element in elements]
+                if field.metadata["kind"] == "rows"
+                else []
+            )
+            longest = max((len(row) for row in rows if is_list(row)), default=0)
+            if longest * len(rows) > MOST_ROWS:
+                excess = (
+                    f"{len(rows)} elements with {field.name} of up to {longest} rows"
+                )
+                errors.append(
+                    f"{parts.source}, [[{table}]]: {excess}, must be at most"
+                    f" {MOST_ROWS} together. Thin them out."
+                )
+    errors += [
+        f"{parts.source}, [[{table}]]: {text}"
+        for table, kind in EXCITATIONS.items()
+        for text in kind.size_errors(parts.tables[table])
+    ]
+    return errors
+
+
+def rated_errors(parts: Parts, rated_rpm: float | None) -> list[str]:
+    """Check that the rated speed is given where limits depend on it."""
+    shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
+    judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
+    if rated_rpm is not None or not judged:
+        return []
+    names = joined(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
+    text = (
+        f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the"
+        " speed over it"
+    )
+    return [
+        f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor"
+        " in rpm."
+    ]

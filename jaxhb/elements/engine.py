@@ -9,17 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from jaxhb.elements.elements import (
+from jaxhb.elements.declared import choice, declared, quantity
+from jaxhb.elements.excitations.crank_slider import (
     Combustion,
     CrankSlider,
     Cylinder,
-    choice,
-    declared,
-    quantity,
-    shown,
-    suggestion,
 )
-from jaxhb.elements.value_checks import field_errors, number_like
+from jaxhb.elements.sentences import shown, suggestion
+from jaxhb.elements.values import field_errors, number_like
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ law, exact whatever kinks lie between: with K the integral of a law k in l,
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,17 +20,31 @@ import numpy as np
 from jaxhb._jax import Array
 from jaxhb.equations import backlash, fourier
 
-if TYPE_CHECKING:
-    from jaxhb.equations.condensation import CondensedEquation
-
 # Share of a transition zone below which the ends of a cell tell its average
 SHORT = 1e-3
 
 
-def force_coefficients(
-    equation: CondensedEquation, deflection: Array, samples: int
-) -> Array:
-    """Coefficients ``(G, N+1)`` of phi of a CondensedEquation at those of l, from
+class Sampled(Protocol):
+    """The part of a CondensedEquation that averages need: law and damping of G meshes,
+    variation of their stiffness, the frequency in rad/s, and l and l' at samples.
+    """
+
+    @property
+    def law(self) -> backlash.Law: ...
+    @property
+    def viscous(self) -> Array: ...
+    @property
+    def contact_damping(self) -> Array: ...
+    @property
+    def variation(self) -> Array | None: ...
+    @property
+    def frequency(self) -> Array: ...
+
+    def sampled(self, deflection: Array, samples: int) -> tuple[Array, Array]: ...
+
+
+def force_coefficients(equation: Sampled, deflection: Array, samples: int) -> Array:
+    """Coefficients ``(G, N+1)`` of phi of an equation at those of l, from
     averages over ``samples`` cells.
     """
     force, _ = _averages(equation, deflection, samples)
@@ -38,7 +52,7 @@ def force_coefficients(
 
 
 def slope_coefficients(
-    equation: CondensedEquation, deflection: Array, samples: int, harmonics: int
+    equation: Sampled, deflection: Array, samples: int, harmonics: int
 ) -> Array:
     """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l', in the
     same way.
@@ -63,7 +77,7 @@ def _half_angles(harmonics: int, samples: int) -> np.ndarray:
 
 
 def _averages(
-    equation: CondensedEquation, deflection: Array, samples: int
+    equation: Sampled, deflection: Array, samples: int
 ) -> tuple[Array, Array]:
     """phi ``(G, M)`` and its slopes ``(2, G, M)`` in l and l', averages over M
     cells.

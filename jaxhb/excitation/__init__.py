@@ -1,3 +1,3 @@
 """Excitation of the train: pressure in the cylinders, gas and inertia torques. Tables
-of numbers and a speed go in, harmonics of the torque on every disk come out.
+of numbers and a speed go in, harmonics of the torque of each come out.
 """

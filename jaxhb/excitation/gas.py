@@ -9,16 +9,14 @@ are taken of these once, for all speeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import dataclass_transform
 
 import numpy as np
 
-from jaxhb._jax import Array, Number, namespace, pytree
-from jaxhb._shown import brief
+from jaxhb._jax import Array, Number, namespace
 from jaxhb.excitation.combustion import NUMBERS, pressures, unburnt
 from jaxhb.excitation.compression import unburnt_table
 from jaxhb.excitation.crank import slider_crank
+from jaxhb.excitation.tables import COMPUTED, Combustions, Cylinders, GasCycles
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 # Speed or load of points that fill up a grid: interpolation never reaches them
@@ -29,72 +27,6 @@ CHARGE_EXPONENT = 1.5
 atmosphere grows, as engines on test beds show it at part load, on the propeller law and
 at constant speed: see ``docs/reference/excitation.md``.
 """
-# Fields of a cylinder whose gas torque is computed from its pressure
-COMPUTED = ("pressure", "traces", "combustion")
-
-
-@dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
-def table(cls):
-    """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot
-    be changed in place.
-    """
-    cls.__post_init__ = _locked
-    return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
-
-
-def _locked(self) -> None:
-    """Hold read-only views: the caller may still write to the arrays that it passed."""
-    for name, value in list(vars(self).items()):
-        if isinstance(value, np.ndarray) and value.flags.writeable:
-            view = value.view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
-
-
-@table
-class Traces:
-    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the loads ``load``
-    [n, S].
-
-    ``seats`` [n] are the cylinders that have traces, ``sizes`` [n] how many speeds and
-    loads are theirs; the rest of their rows never counts.
-    """
-
-    seats: tuple[int, ...] = field(metadata={"static": True})
-    sizes: tuple[tuple[int, int], ...] = field(metadata={"static": True})
-    rpm: Array
-    load: Array
-    pressure: Array
-
-
-@table
-class Combustions:
-    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat``
-    or ``imep``, and ``exhaust_pressure``, are 0 if absent.
-
-    ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of
-    their gas cycle; ``by_work`` [n] tells which have an ``imep``; ``charge_by`` [n]
-    names the variable of the factors of charge and exhaust pressure, "load", "rpm" or
-    "": ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where no cylinder has
-    any.
-    """
-
-    seats: tuple[int, ...] = field(metadata={"static": True})
-    revolutions: tuple[int, ...] = field(metadata={"static": True})
-    by_work: tuple[bool, ...] = field(metadata={"static": True})
-    charge_by: tuple[str, ...] = field(metadata={"static": True})
-    compression_ratio: Array
-    charge_pressure: Array
-    exhaust_pressure: Array
-    start: Array
-    duration: Array
-    shape: Array
-    heat: Array
-    imep: Array
-    compression_exponent: Array
-    expansion_exponent: Array
-    charge_at: Array | None = None
-    charge_factor: Array | None = None
 
 
 def source(cylinder) -> str | None:
@@ -183,59 +115,7 @@ def hats(x: Array, grid: Array) -> Array:
     return up - beyond
 
 
-@dataclass(frozen=True)
-class GasCycles:
-    """Gas cycle of each cylinder: where its torque comes from (:func:`source`,
-    "harmonics" or "none"), whether it fires, whether it is cut off and has no gas
-    torque at all, the revolutions of its crank in a gas cycle, and in every how many of
-    these it is injected.
-    """
-
-    source: tuple[str, ...]
-    fires: tuple[bool, ...]
-    cut_off: tuple[bool, ...]
-    revolutions: tuple[int, ...]
-    every: tuple[int, ...]
-
-    @property
-    def skipping(self) -> bool:
-        """Whether some computed cylinder is injected in some of its gas cycles
-        alone.
-        """
-        return any(
-            computed and every > 1
-            for computed, every in zip(self.computed, self.every, strict=True)
-        )
-
-    @property
-    def computed(self) -> tuple[bool, ...]:
-        """Whether a gas torque is computed from a pressure."""
-        cylinders = zip(self.source, self.cut_off, strict=True)
-        return tuple(source in COMPUTED and not cut for source, cut in cylinders)
-
-    @property
-    def prescribed(self) -> tuple[bool, ...]:
-        """Whether the gas torque is prescribed as harmonics; without injection there is
-        none, as its compression is not known.
-        """
-        cylinders = zip(self.source, self.fires, self.cut_off, strict=True)
-        return tuple(
-            source == "harmonics" and fires and not cut
-            for source, fires, cut in cylinders
-        )
-
-    def compressing(self, cylinders) -> bool:
-        """Tell whether pressures without injection count anywhere."""
-        if self.skipping:
-            return True
-        idle = any(
-            computed and not fires
-            for computed, fires in zip(self.computed, self.fires, strict=True)
-        )
-        return idle or (cylinders.injection is not None and any(self.computed))
-
-
-def injection(cylinders, cycles: GasCycles) -> Array:
+def injection(cylinders: Cylinders, cycles: GasCycles) -> Array:
     """Share of its injection that each cylinder has [nc], 0 where it does not fire."""
     if cylinders.injection is None:
         return np.array(cycles.fires, dtype=float)
@@ -243,7 +123,7 @@ def injection(cylinders, cycles: GasCycles) -> Array:
     return xp.where(np.array(cycles.fires), cylinders.injection, 0.0)
 
 
-def components(cylinders, cycles: GasCycles) -> Array:
+def components(cylinders: Cylinders, cycles: GasCycles) -> Array:
     """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with
     :func:`weights` is the pressure at a speed.
 
@@ -260,7 +140,7 @@ def components(cylinders, cycles: GasCycles) -> Array:
 
 
 def _parts(
-    cylinders, of_tables: Callable[[Array], Array], of_combustion: Callable
+    cylinders: Cylinders, of_tables: Callable[[Array], Array], of_combustion: Callable
 ) -> list[Array]:
     """Pressures [J, nc, M] of tables, of traces and of the combustion model;
     ``of_tables`` takes [J, nc, M].
@@ -282,7 +162,7 @@ def _parts(
     return parts
 
 
-def _of_tables(cylinders, cycles: GasCycles, pressure: Array) -> Array:
+def _of_tables(cylinders: Cylinders, cycles: GasCycles, pressure: Array) -> Array:
     """Pressure tables [J, nc, M] without injection."""
     revolutions = np.array(cycles.revolutions)
     # Two- and four-strokes have other angles at the same sample.
@@ -302,7 +182,7 @@ def _of_tables(cylinders, cycles: GasCycles, pressure: Array) -> Array:
     return xp.concatenate(tables, axis=1)[:, np.argsort(np.concatenate(groups))]
 
 
-def weights(cylinders, cycles: GasCycles, rpm: Number) -> Array:
+def weights(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
     """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the
     reference rotor.
     """
@@ -316,7 +196,7 @@ def weights(cylinders, cycles: GasCycles, rpm: Number) -> Array:
     return xp.concatenate([share * burnt, idle], axis=-2)
 
 
-def unburnt_weights(cylinders, rpm: Number) -> Array:
+def unburnt_weights(cylinders: Cylinders, rpm: Number) -> Array:
     """Weight [..., J, nc] at ``rpm`` [...] of the last J :func:`components`, those
     without injection.
     """
@@ -326,7 +206,7 @@ def unburnt_weights(cylinders, rpm: Number) -> Array:
     return namespace(parts).concatenate(parts, axis=-2)
 
 
-def _weights(cylinders, rpm: Number) -> tuple[list[Array], list[Array]]:
+def _weights(cylinders: Cylinders, rpm: Number) -> tuple[list[Array], list[Array]]:
     """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a
     list.
     """
@@ -358,7 +238,7 @@ def _weights(cylinders, rpm: Number) -> tuple[list[Array], list[Array]]:
     return tabled, [_on_cylinders(by_cylinder, burning.seats, count, axis=-1)]
 
 
-def charge_pressures(cylinders, rpm: Number) -> tuple[Array, Array]:
+def charge_pressures(cylinders: Cylinders, rpm: Number) -> tuple[Array, Array]:
     """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a
     combustion at ``rpm`` [...].
 
@@ -367,6 +247,7 @@ def charge_pressures(cylinders, rpm: Number) -> tuple[Array, Array]:
     the :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
     """
     table = cylinders.combustion
+    assert table is not None
     xp = namespace(cylinders, rpm)
     seats = np.array(table.seats)
     charging = power_share(cylinders, rpm)[..., seats] ** CHARGE_EXPONENT
@@ -377,7 +258,7 @@ def charge_pressures(cylinders, rpm: Number) -> tuple[Array, Array]:
 
     tabled = np.array([bool(by) for by in table.charge_by])
     factor = xp.ones_like(charging)
-    if table.charge_at is not None:
+    if table.charge_at is not None and table.charge_factor is not None:
         speed = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], charging.shape)
         by_speed = np.array([by == "rpm" for by in table.charge_by])
         variable = xp.where(by_speed, speed, load_share(cylinders, rpm)[..., seats])
@@ -398,7 +279,7 @@ def full_exhaust_pressure(table: Combustions) -> Array:
     return xp.where(exhaust > 0.0, exhaust, table.charge_pressure)
 
 
-def power_share(cylinders, rpm: Number) -> Array:
+def power_share(cylinders: Cylinders, rpm: Number) -> Array:
     """Power [..., nc] of each cylinder over that at full load.
 
     The most power among the rows of its load has the largest load among them as its
@@ -407,6 +288,7 @@ def power_share(cylinders, rpm: Number) -> Array:
     """
     rows = cylinders.load_rpm
     loads = cylinders.load_share
+    assert rows is not None and loads is not None
     xp = namespace(rows, loads, rpm)
     # Points that fill up the grid do not count.
     counts = rows < FAR
@@ -420,16 +302,18 @@ def power_share(cylinders, rpm: Number) -> Array:
     return xp.where(has_rows, most_load * power, load)
 
 
-def load_share(cylinders, rpm: Number) -> Array:
+def load_share(cylinders: Cylinders, rpm: Number) -> Array:
     """Load [..., nc] of each cylinder at ``rpm`` [...]: share of the mean effective
     pressure at full load.
     """
-    xp = namespace(cylinders.load_rpm, cylinders.load_share, rpm)
+    points = cylinders.load_rpm
+    shares = cylinders.load_share
+    assert points is not None and shares is not None
+    xp = namespace(points, shares, rpm)
     x = xp.broadcast_to(
-        xp.asarray(rpm, dtype=float)[..., None],
-        (*np.shape(rpm), cylinders.load_rpm.shape[0]),
+        xp.asarray(rpm, dtype=float)[..., None], (*np.shape(rpm), points.shape[0])
     )
-    return (hats(x, cylinders.load_rpm) * cylinders.load_share).sum(axis=-1)
+    return (hats(x, points) * shares).sum(axis=-1)
 
 
 def _on_cylinders(
@@ -445,14 +329,14 @@ def _on_cylinders(
     return xp.take(xp.concatenate([values, zeros], axis=axis), place, axis=axis)
 
 
-def _burning(cylinders) -> Array:
+def _burning(cylinders: Cylinders) -> Array:
     """Pressures per Pa of charge, per Pa in the exhaust and of the heat at full load,
     [3, n, M], of the cylinders with a combustion.
     """
     return _by_strokes(cylinders, _with_heat)
 
 
-def _unburnt(cylinders) -> Array:
+def _unburnt(cylinders: Cylinders) -> Array:
     """Pressures per Pa of charge and per Pa in the exhaust without injection, [2, n,
     M], of the cylinders with a combustion.
     """
@@ -473,12 +357,13 @@ def _unburnt(cylinders) -> Array:
 
 
 def _by_strokes(
-    cylinders, pressures_of: Callable[[Mapping[str, Array], int], Array]
+    cylinders: Cylinders, pressures_of: Callable[[Mapping[str, Array], int], Array]
 ) -> Array:
     """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes,
     in the order of the cylinders.
     """
     table = cylinders.combustion
+    assert table is not None
     xp = namespace(cylinders)
     revolutions = np.array(table.revolutions)
     # Two- and four-strokes have other angles at the same sample.
@@ -540,12 +425,12 @@ def _with_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:
     return xp.stack([without_work(of_charge), without_work(of_exhaust), burnt])
 
 
-def outside_traces(train, rpm: Number) -> list[str]:
+def outside_traces(
+    names: Sequence[str], cylinders: Cylinders, rpm: Number
+) -> list[str]:
     """Write sentences on speeds and loads outside of the range of traces; see
     :meth:`DriveTrain.outside_traces`.
     """
-    cylinders = train.cylinders
-    names = train.topology.cylinder_names
     traces = cylinders.traces
     cylinders_by_range: dict[tuple[str, str], list[str]] = {}
     if traces is None:

@@ -4,20 +4,17 @@ checked by them, without jax.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, remembered
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
-
-if TYPE_CHECKING:
-    from jaxhb.excitation.gas import GasCycles
-    from jaxhb.train.tables import Cylinders, Torques
+from jaxhb.excitation.tables import Cylinders, GasCycles
 
 
-def scale_at(table, rpm: Number) -> Array:
+def scale_at(table: Any, rpm: Number) -> Array:
     """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
     and constant outside them.
 
@@ -34,13 +31,7 @@ def scale_at(table, rpm: Number) -> Array:
         points = zip(table.scale_rpm, table.scale_factor, strict=True)
         rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
         factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
-    if getattr(table, "rated_rpm", None) is None:
-        return factor
-    xp = namespace(table, rpm)
-    # 1 where there is none: a power of infinity would be nan in derivatives.
-    rated = xp.where(table.rated_rpm > 0.0, table.rated_rpm, 1.0)
-    power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** table.speed_exponent
-    return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
+    return factor
 
 
 def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
@@ -56,11 +47,8 @@ def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array
     return scale_at(cylinders, rpm)[..., None] * pressure
 
 
-def mean_torques(
-    torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm: Number
-) -> Array:
-    """Mean of the prescribed torques and then of the gas torques of the cylinders, N m
-    [..., nt + nc], at ``rpm`` [...].
+def mean_gas_torques(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
+    """Mean of the gas torques of the cylinders, N m [..., nc], at ``rpm`` [...].
 
     The ambient pressure and the inertia torque do no work over a cycle. In NumPy or
     JAX.
@@ -79,8 +67,7 @@ def mean_torques(
     mean = prescribed + np.array(cycles.computed) * computed
     if cylinders.gas_factor is not None:
         mean = cylinders.gas_factor * mean
-    parts = (scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean)
-    return namespace(parts).concatenate(parts, axis=-1)
+    return scale_at(cylinders, rpm) * mean
 
 
 @remembered

@@ -17,7 +17,7 @@ from jaxhb._jax import Array, on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.march import noticed_modes
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import MeshParameters, law_meshes
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import (
     Modes,
     StateSpace,
@@ -33,6 +33,7 @@ from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import law_meshes
 from jaxhb.train.topology import Topology
 
 # Natural frequency over Omega of a rotation against grounds that are no support, but a

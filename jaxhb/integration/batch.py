@@ -14,13 +14,14 @@ import numpy as np
 
 from jaxhb._jax import Array, Numbers
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import MeshParameters, all_meshes
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import displacements_and_bends
 from jaxhb.equations.state_space import Modes, matrices, static_response
-from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
 from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation
+from jaxhb.train.mesh_parameters import all_meshes
 
 # Time samples of a cycle at which its motion is compared with that of other cycles;
 # divides every number of steps.

@@ -14,9 +14,8 @@ from jaxhb._equal import by_value
 from jaxhb._jax import Array, Number, on_host, refuse_tracers
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import MeshParameters, all_meshes, law_meshes
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
-from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
 from jaxhb.integration.step import Stepper, Trace, discretize, march
 from jaxhb.results.answers import need_solved
@@ -24,6 +23,8 @@ from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation, listed_harmonic
+from jaxhb.train.mesh_parameters import all_meshes, law_meshes
 from jaxhb.train.speeds import check_speed
 
 # Steps per period of the highest mesh mode, and at most, where a narrow transition of

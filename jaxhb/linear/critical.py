@@ -14,15 +14,16 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, refuse_tracers
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
-from jaxhb.equations.backlash import all_meshes, error_load
-from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.elements.sentences import SceneError
+from jaxhb.equations.backlash import error_load
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.modal import Modes, natural_frequencies
 from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation, listed_harmonic
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying, without_tables
 

@@ -32,17 +32,17 @@ from jax import lax
 
 from jaxhb._jax import Array, Numbers, concrete, namespace, on_host, staged, traced
 from jaxhb._program import Program
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
-from jaxhb.equations.backlash import all_meshes, law_of
-from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
 from jaxhb.train.changes import linearised, within_range
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation, listed_harmonic, load_power_kW
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.mesh_parameters import all_meshes, law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import (
     factors,

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, Numbers, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain

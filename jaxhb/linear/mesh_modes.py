@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Number, remembered
-from jaxhb.equations.backlash import all_meshes
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import all_meshes
 
 STRAINED = 0.05
 """Share of a mode's strain energy in tooth meshes from which the motion has to be

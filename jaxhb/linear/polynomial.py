@@ -37,7 +37,7 @@ from jax import lax
 from jaxhb._jax import Array, Number, Numbers, concrete, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain

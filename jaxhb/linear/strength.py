@@ -16,8 +16,8 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
-from jaxhb.elements.elements import suggestion
 from jaxhb.elements.rules import RULES, Section
+from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
@@ -435,7 +435,7 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
 
 def having(topology: Topology, table: str, *keys: str) -> list[str]:
     """Names of the links of a table that have one of the keys in the scene."""
-    names = getattr(topology, f"{table}_names") if topology.link_keys else ()
+    names = topology.names_of(table) if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
     return [
         name

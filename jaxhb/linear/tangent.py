@@ -19,12 +19,13 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, added, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import backlash
-from jaxhb.excitation.torques import excitation
-from jaxhb.train import chain, connections
+from jaxhb.train import chain
 from jaxhb.train.changes import in_contact, linearised
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excitation, speeds
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import without_tables
 
@@ -152,9 +153,7 @@ def own_speed(train: DriveTrain) -> float:
     the scene gives a torque.
     """
     (values,) = _concrete(train)
-    return float(
-        train.topology.rated_rpm or max(connections.speeds(values)) or ANY_SPEED
-    )
+    return float(train.topology.rated_rpm or max(speeds(values)) or ANY_SPEED)
 
 
 def _concrete(*trees: Any) -> Any:
@@ -321,7 +320,7 @@ def _equations(train: DriveTrain, rpm: Number) -> _Equations:
     system, torque, left, train = on_host(
         (chain.assemble(train), torque[:, 0].real, left, train)
     )
-    meshes = backlash.all_meshes(train)
+    meshes = all_meshes(train)
     topology = train.topology
     plays = [kind == "clearance" for _, kind, _ in topology.springs]
     clearance = np.array([*[False] * len(topology.mesh_names), *plays], dtype=bool)

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.equations.backlash import Law, law_of
+from jaxhb.equations.backlash import Law
 from jaxhb.floquet.stability import Stability
 from jaxhb.report.selection import largest
 from jaxhb.results.bounds import Certificate
@@ -24,6 +24,7 @@ from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import law_of
 
 UNCONFIRMED = "not confirmed by harmonic balance"
 """Words for a motion that returns in time integration and that no harmonic solution

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.topology import Topology
 
 # Difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
@@ -62,21 +62,9 @@ def _sources(topology: Topology) -> Iterator[tuple[int, Sequence[int], bool]]:
     """Disk, harmonics of the cycle, and whether they are orders of the disk's own
     rotor, of all that excites.
     """
-    yield from zip(
-        topology.torque_disk,
-        topology.torque_harmonics,
-        topology.torque_own,
-        strict=True,
-    )
+    for seats in topology.excitations:
+        yield from zip(seats.disk, seats.listed(), seats.own, strict=True)
     loads = topology.load_harmonics or [()] * len(topology.load_disk)
     yield from (
         (disk, row, True) for disk, row in zip(topology.load_disk, loads, strict=True)
     )
-    for i, disk in enumerate(topology.cylinder_disk):
-        gas = {
-            topology.cylinder_step[i] * k
-            for k in range(1, topology.cylinder_gas[i] + 1)
-        } - {0}
-        turn = topology.cylinder_turn[i]
-        inertia = {round(turn * k) for k in range(1, topology.cylinder_inertia[i] + 1)}
-        yield disk, sorted({*topology.cylinder_harmonics[i], *gas, *inertia}), True

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxhb._jax import Number
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.firing import is_cut_off
+from jaxhb.train.omission import is_cut_off
 from jaxhb.train.topology import Topology
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def case_title(train: DriveTrain, cylinder: str = "") -> str:
     """
     if cylinder:
         return f"{cylinder}{CUT_OFF if is_cut_off(train, cylinder) else NOT_FIRING}"
-    names = train.topology.cylinder_names
+    names = train.topology.cylinders.names
     return (
         ALL_FIRING if names and train.topology.firing_cylinders == names else AS_GIVEN
     )
@@ -39,9 +39,9 @@ def idle_title(topology: Topology) -> str:
     cylinder 4 cut off``.
     """
     cylinders = zip(
-        topology.cylinder_names,
-        topology.cylinder_fires,
-        topology.cylinder_cut_off,
+        topology.cylinders.names,
+        topology.cylinders.fires,
+        topology.cylinders.cut_off,
         strict=True,
     )
     idle: dict[str, list[str]] = {NOT_FIRING: [], CUT_OFF: []}

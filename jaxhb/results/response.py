@@ -14,7 +14,6 @@ from jaxhb._equal import by_value
 from jaxhb._jax import Array, namespace, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.results.answers import solved
 from jaxhb.results.bounds import Certificate
 from jaxhb.results.contact import Contact, contact_of
@@ -24,6 +23,8 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import AnyResponse, Status
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import rotor_ratios
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
 
 
@@ -225,7 +226,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                 return self._signal(sense * self.deflections[..., index, :])
             case "transmission_error":
                 approach = self.deflections[..., index, :]
-                error = backlash.all_meshes(self._solved).error
+                error = all_meshes(self._solved).error
                 if error is not None:
                     most = max(approach.shape[-1], error.shape[-1]) - 1
                     approach = fourier.resize(approach, most) + fourier.resize(

@@ -13,7 +13,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jaxhb.elements.elements import SceneError, shown
+from jaxhb.elements.sentences import SceneError, shown
 
 SEPARATORS = ",", ";", "\t"
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")

@@ -30,18 +30,11 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from jaxhb.elements.elements import (
-    Disk,
-    Mesh,
-    SceneError,
-    Shaft,
-    cut,
-    shown,
-    suggestion,
-)
-from jaxhb.elements.value_checks import plain_number
+from jaxhb.elements.elements import Disk, Mesh, Shaft
+from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
+from jaxhb.elements.values import plain_number
 from jaxhb.scene.csv_tables import CsvText, read_csv
-from jaxhb.train.train_checks import fitting_cycle
+from jaxhb.train.checks.consistency import fitting_cycle
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS has none
 # In m, of a gear with a number of teeth alone: ratios are those of the teeth whatever

@@ -16,16 +16,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jaxhb.elements.elements import (
-    TABLES,
-    Head,
-    SceneError,
-    Unread,
-    cut,
-    shown,
-    suggestion,
-)
+from jaxhb.elements.declared import Unread
+from jaxhb.elements.elements import TABLES, Head
 from jaxhb.elements.engine import Engine
+from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.checks import Parts
-from jaxhb.elements.elements import TABLES, SceneError, table_of
+from jaxhb.elements.declared import table_of
+from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinder_rows
+from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
     _READERS,
     BESIDE,

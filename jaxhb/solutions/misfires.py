@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Numbers
 from jaxhb._shown import brief
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.results.response import Response
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
@@ -162,5 +162,5 @@ def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
     misfires, or cut-offs, have.
     """
     field = "gas_factor" if cut_off else "injection"
-    key = f"{train.topology.cylinder_names[0]}.{field}"
+    key = f"{train.topology.cylinders.names[0]}.{field}"
     return train.replace({key: train.value(key)})

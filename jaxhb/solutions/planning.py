@@ -21,12 +21,13 @@ from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import HOST_DISKS
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration.batch import motions_in_contact
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
 from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.mesh_parameters import all_meshes, law_of
 
 LEVELS = (
     16,
@@ -116,7 +117,7 @@ def meshes_leaving_contact(
     spare = HAMMERED * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
     stays = (
         gap
-        & (least > backlash.law_of(train.meshes).knee_force + spare)
+        & (least > law_of(train.meshes).knee_force + spare)
         & ~train.topology.mesh_varies
     )
     flank = np.where(stays, side, 0)
@@ -277,7 +278,7 @@ def _mesh_forces_of_host(
 def _linear_parts(train: DriveTrain) -> tuple[chain.System, MeshParameters]:
     """System and meshes of the linear train, for any speed."""
     train = linearised(train)  # without springs beside shafts, which are no meshes
-    return chain.assemble(train), backlash.all_meshes(train)
+    return chain.assemble(train), all_meshes(train)
 
 
 def plan_marching(

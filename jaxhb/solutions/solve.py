@@ -26,12 +26,12 @@ from jaxhb.balance.plan import (
 )
 from jaxhb.balance.program import solve_batches, solve_planned
 from jaxhb.certificate import certificate
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status, check
 from jaxhb.solutions import planning, starts
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
 from jaxhb.train.speeds import check_speed
 
 

@@ -17,14 +17,14 @@ from jaxhb.balance.problem import ActiveMeshes, problem_at
 from jaxhb.balance.program import response_of
 from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
 from jaxhb.balance.swept import SETTLED, solve_by_sweeps
-from jaxhb.equations.backlash import law_meshes
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration.batch import linear_motions, linear_start
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.mesh_parameters import law_meshes
 
 # Speed at which the modes for all speeds are made: only the slowest depend on it, by a
 # soft hold, and no bit of them on the speed that is solved

@@ -16,7 +16,7 @@ import numpy as np
 from jaxhb._threads import side_by_side
 from jaxhb.balance.plan import Request
 from jaxhb.balance.swept import ARRIVED
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.floquet.stability import NEUTRAL, Stability, attracts
 from jaxhb.results.contact import Contact

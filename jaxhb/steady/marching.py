@@ -13,11 +13,8 @@ import numpy as np
 
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.plan import TIME_STEPS
-from jaxhb.equations.backlash import law_meshes
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import Modes, march_modes, modes_of, partition
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration import batch, cycles
 from jaxhb.integration.batch import LinearMotion
 from jaxhb.integration.cycles import Outputs
@@ -26,6 +23,9 @@ from jaxhb.results.record import Record, RecordedSignal, SteadyContact
 from jaxhb.steady.closure import Closure
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.mesh_parameters import law_meshes
 
 # Steps per period of the highest mesh mode, and of a cycle, at least. On
 # ``gear_train_30``, five speeds from 1422 to 2039 rpm, extremes of the elastic tooth

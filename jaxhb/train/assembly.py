@@ -8,19 +8,19 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
-from jaxhb.elements import checks, derived, meshing, value_checks
-from jaxhb.elements.elements import Cylinder, Damper, Head, Mesh, SceneError, Shaft
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
-from jaxhb.excitation import gas
-from jaxhb.train import connections, contact_law, tables, train_checks
+from jaxhb.elements import checks, derived, meshing
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, Damper, Head, Mesh, Shaft
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import SceneError
+from jaxhb.elements.values import field_errors, rounded, sound_orders
+from jaxhb.excitation.orders import harmonics_of
+from jaxhb.train import connections, contact_law, tables
+from jaxhb.train.checks import consistency
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
-
-# Largest orders of computed torques, where a scene says nothing
-ORDERS = 12.0
-ORDERS_OF_TWO_STROKES = 15.0
 
 
 def build(
@@ -112,7 +112,7 @@ def checked(
         *checks.element_errors(parts),
         *checks.name_errors(parts),
     ]
-    too_large = value_checks.size_errors(parts)
+    too_large = checks.size_errors(parts)
     if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
     numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
@@ -121,14 +121,14 @@ def checked(
     for field in dataclasses.fields(Head):
         if field.name in numbers:
             value = numbers[field.name]
-            head_errors += value_checks.field_errors(where, field, value) or []
+            head_errors += field_errors(where, field, value) or []
     errors += head_errors
     errors += checks.reference_errors(parts, reference, disks_read=disks_read)
-    errors += train_checks.connection_errors(parts)
-    rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
-    errors += train_checks.reference_error(parts, reference, rotor)
-    errors += train_checks.gear_errors(parts, rotor)
-    errors += train_checks.inertia_errors(parts)
+    errors += consistency.connection_errors(parts)
+    rotor = connections.pieces(len(parts.disk_names), consistency.elastic_pairs(parts))
+    errors += consistency.reference_error(parts, reference, rotor)
+    errors += consistency.gear_errors(parts, rotor)
+    errors += consistency.inertia_errors(parts)
     main_disk = 0 if reference is None and parts.disk_names else parts.disk(reference)
     # Without a reference the first disk stands for it if there is one rotor; else
     # speeds would be guessed.
@@ -137,13 +137,13 @@ def checked(
     radii = _exact_radii(parts)
     _expand_meshes(parts)
     rotors, ratio, locked = _gearing(parts, root, radii)
-    errors += train_checks.loop_errors(parts, locked)
+    errors += consistency.loop_errors(parts, locked)
     if not head_errors:
-        errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
-    errors += train_checks.hold_errors(parts, main_disk)
-    errors += train_checks.balance_errors(parts, ratio) if not locked else []
-    errors += train_checks.phase_errors(parts, ratio)
-    errors += value_checks.rated_errors(parts, rated_rpm)
+        errors += consistency.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
+    errors += consistency.hold_errors(parts, main_disk)
+    errors += consistency.balance_errors(parts, ratio) if not locked else []
+    errors += consistency.phase_errors(parts, ratio)
+    errors += checks.rated_errors(parts, rated_rpm)
     scenarios, scenario_errors = checks.read_scenarios(parts, scenarios)
     errors += scenario_errors
     if errors:
@@ -220,7 +220,7 @@ def _gearing(
     unknown) and locked loops.
     """
     n_disks = len(parts.disk_names)
-    pairs = train_checks.elastic_pairs(parts)
+    pairs = consistency.elastic_pairs(parts)
     meshes = parts.links("mesh")
     ends = [pair for _, pair in meshes]
     internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
@@ -269,58 +269,28 @@ def _harmonic_needs(
     """
     needs: list[tuple[str, int, str, float, str]] = []
 
-    def need(
-        table: str,
-        i: int,
-        rows: Any,
-        factor: float | None,
-        mean: str = "",
-        of: str = "",
-    ) -> None:
+    def need(table: str, i: int, key: str, factor: float | None, of: str = "") -> None:
         """Note the orders of rows, which turn ``factor`` times a revolution."""
         if factor is not None:
             needs.extend(
-                (table, i, f"order {order:g}{of}", order * factor, mean)
-                for order in _orders(rows)
+                (table, i, f"order {order:g}{of}", order * factor, "")
+                for order in sound_orders(getattr(parts.tables[table][i], key))
             )
 
-    seat = dict(parts.seats("torque"))
-    for i, torque in enumerate(parts.tables["torque"]):
-        if parts.usable("torque", i, "orders_of"):
-            factor: float | None = 1.0
-            if torque.orders_of == "own":
-                factor = ratio[seat[i]] if i in seat else None
-            need("torque", i, torque.harmonics, factor, "mean")
+    for table, kind in EXCITATIONS.items():
+        seat = dict(parts.seats(table))
+        for i, element in enumerate(parts.tables[table]):
+            own = ratio[seat[i]] if i in seat else None
+            usable = partial(parts.usable, table, i)
+            needs += [(table, i, *need) for need in kind.needs(element, own, usable)]
     for i, ends in parts.links("mesh"):
-        mesh = parts.tables["mesh"][i]
         periods = _mesh_periods(parts, ends, ratio)
         turns_per_order = [(name, periods) for name in OF_PERIOD]
         turns_per_order += zip(OF_GEARS, (ratio[disk] for disk in ends), strict=True)
         for name, turns in turns_per_order:
-            need("mesh", i, getattr(mesh, name), turns, of=f" of {name}")
+            need("mesh", i, name, turns, f" of {name}")
     for i, disk in parts.seats("load"):
-        need("load", i, parts.tables["load"][i].harmonics, ratio[disk])
-    for i, disk in parts.seats("cylinder"):
-        cylinder = parts.tables["cylinder"][i]
-        factor = ratio[disk]
-        need("cylinder", i, cylinder.gas_torque, factor, "gas_torque_mean")
-        if factor is None:
-            continue
-        if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
-            revolutions = gas.gas_revolutions(cylinder)
-            if parts.usable("cylinder", i, "fires_every"):
-                revolutions *= int(cylinder.fires_every)
-            plural = "s" if revolutions > 1 else ""
-            text = f"one gas cycle of {revolutions} revolution{plural}"
-            needs.append(("cylinder", i, text, factor / revolutions, ""))
-        moving = (
-            parts.usable("cylinder", i, "stroke", "reciprocating_mass")
-            and cylinder.stroke is not None
-        )
-        if moving and cylinder.reciprocating_mass > 0:
-            needs.append(
-                ("cylinder", i, "order 1 of the reciprocating mass", factor, "")
-            )
+        need("load", i, "harmonics", ratio[disk])
     return needs
 
 
@@ -339,15 +309,6 @@ def _mesh_periods(
     return None
 
 
-def _orders(rows: Any) -> list[float]:
-    """Orders of the sound rows of a table of harmonics."""
-    if not isinstance(rows, tuple | list):
-        return []
-    firsts = [row[0] for row in rows if isinstance(row, tuple | list) and row]
-    orders = [float(first) for first in firsts if value_checks.number_like(first)]
-    return [order for order in orders if math.isfinite(order) and order > 0.0]
-
-
 def _topology(
     parts: checks.Parts,
     rotors: connections.Rotors,
@@ -361,40 +322,20 @@ def _topology(
     """
     elements = parts.tables
     links = [*elements["shaft"], *elements["damper"]]
-    seats = {
-        table: tuple(parts.sits_on(table))
-        for table in ("damper", "ground", "load", "torque", "cylinder")
-    }
+    seated = ("damper", "ground", "load")
+    seats = {table: tuple(parts.sits_on(table)) for table in (*seated, *EXCITATIONS)}
     fields: dict[str, Any] = {
         f"{table}_names": tuple(names)
         for table, names in parts.names.items()
-        if table != "disk"
+        if table not in ("disk", *EXCITATIONS)
     }
-    fields |= {f"{table}_disk": disks for table, disks in seats.items()}
+    fields |= {f"{table}_disk": seats[table] for table in seated}
     fields |= settings
-    torque_factors = [
-        ratio[disk] if torque.orders_of == "own" else 1.0
-        for disk, torque in zip(seats["torque"], elements["torque"], strict=True)
-    ]
-    cylinder_turns = [_whole(ratio[disk] * cycle) for disk in seats["cylinder"]]
-    fields |= _computed_torques(elements["cylinder"], cylinder_turns)
-
-    def harmonics(
-        tables: Iterable[Sequence[Any]], per_order: Iterable[float]
-    ) -> tuple[tuple[int, ...], ...]:
-        """Harmonics of the cycle of the orders of every element."""
-        return tuple(
-            tuple(round(row[0] * factor) for row in rows)
-            for rows, factor in zip(tables, per_order, strict=True)
-        )
-
     phased = [parts.phased(i) for i in range(len(elements["phase"]))]
-    for table in ("cylinder", "torque"):
-        fields[f"phase_{table}s"] = tuple(tuple(members[table]) for members in phased)
-    phased_disks = []
-    for members in phased:
-        table = "cylinder" if members["cylinder"] else "torque"
-        phased_disks.append(seats[table][members[table][0]])
+    phased_disks = [
+        [seats[table][i] for table in reversed(members) for i in members[table]]
+        for members in phased
+    ]
     meshes = elements["mesh"]
     mesh_ends = tuple(parts.ends("mesh"))
     per_revolution = [_mesh_periods(parts, ends, ratio) or 0.0 for ends in mesh_ends]
@@ -411,7 +352,7 @@ def _topology(
         strict=True,
     ):
         rows = [getattr(mesh, name) for mesh in meshes]
-        fields[f"mesh_{name}"] = harmonics(rows, per_order)
+        fields[f"mesh_{name}"] = harmonics_of(rows, per_order)
     return Topology(
         revolutions_per_cycle=cycle,
         disk_names=tuple(parts.disk_names),
@@ -429,29 +370,25 @@ def _topology(
         mesh_internal=tuple(mesh.kind == "internal" for mesh in meshes),
         mesh_backlash=tuple(mesh.backlash is not None for mesh in meshes),
         mesh_damping_law=tuple(mesh.damping_law for mesh in meshes),
-        torque_own=tuple(torque.orders_of == "own" for torque in elements["torque"]),
-        torque_harmonics=harmonics(
-            [torque.harmonics for torque in elements["torque"]],
-            [factor * cycle for factor in torque_factors],
-        ),
-        load_harmonics=harmonics(
+        load_harmonics=harmonics_of(
             [load.harmonics for load in elements["load"]],
             [ratio[disk] * cycle for disk in seats["load"]],
         ),
-        cylinder_harmonics=harmonics(
-            [cylinder.gas_torque or () for cylinder in elements["cylinder"]],
-            cylinder_turns,
+        excitations=tuple(
+            kind.seats(
+                elements[table],
+                parts.names[table],
+                seats[table],
+                [ratio[disk] for disk in seats[table]],
+                cycle,
+            )
+            for table, kind in EXCITATIONS.items()
         ),
-        cylinder_turn=tuple(cylinder_turns),
-        phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in phased_disks),
-        cylinder_series=tuple(
-            cylinder.kinematics == "mendes2008" for cylinder in elements["cylinder"]
+        phase_members=tuple(
+            tuple(tuple(members[table]) for table in EXCITATIONS) for members in phased
         ),
-        cylinder_fires=tuple(cylinder.fires for cylinder in elements["cylinder"]),
-        cylinder_cut_off=(False,) * len(elements["cylinder"]),
-        cylinder_every=tuple(
-            int(cylinder.fires_every) for cylinder in elements["cylinder"]
-        ),
+        # They turn alike.
+        phase_turn=tuple(rounded(ratio[disks[0]] * cycle) for disks in phased_disks),
         link_keys=derived.link_keys(
             [link for table in derived.LINKS for link in elements[table]]
         ),
@@ -469,11 +406,6 @@ def _topology(
     )
 
 
-def _whole(number: float) -> float:
-    """Round a number that is whole to 1e-6: ratios of radii round."""
-    return float(round(number)) if train_checks.whole(number) else number
-
-
 def _springs(link: int, element: Shaft | Damper) -> Iterator[tuple[int, str, int]]:
     """Springs that act beside the stiffness of a shaft or damper, as ``springs`` of the
     topology holds them.
@@ -484,35 +416,3 @@ def _springs(link: int, element: Shaft | Damper) -> Iterator[tuple[int, str, int
     for name in ("stages", "stops"):
         for row in range(len(getattr(element, name))):
             yield link, name, row
-
-
-def _computed_torques(
-    cylinders: Sequence[Cylinder], turns_per_cycle: Sequence[float]
-) -> dict[str, tuple[Any, ...]]:
-    """Source of the gas torque of each cylinder, and numbers of harmonics to compute,
-    as fields of the topology.
-    """
-    columns: dict[str, list[Any]] = {
-        "source": [],
-        "step": [],
-        "gas_revolutions": [],
-        "gas": [],
-        "inertia": [],
-    }
-    for cylinder, turns in zip(cylinders, turns_per_cycle, strict=True):
-        is_computed = gas.source(cylinder) is not None
-        revolutions = gas.gas_revolutions(cylinder)
-        # Of all gas cycles from one with injection to the next
-        span = revolutions * cylinder.fires_every
-        has_crank = cylinder.stroke is not None and cylinder.rod is not None
-        largest = ORDERS_OF_TWO_STROKES if is_computed and revolutions == 1 else ORDERS
-        orders = cylinder.orders or largest
-        # 1e-9 keeps a product that rounds below a whole number.
-        gas_harmonics = math.floor(orders * revolutions * cylinder.fires_every + 1e-9)
-        moves = has_crank and train_checks.whole(turns)
-        columns["source"].append(gas.source_word(cylinder))
-        columns["step"].append(round(turns / span) if is_computed else 0)
-        columns["gas_revolutions"].append(revolutions)
-        columns["gas"].append(gas_harmonics if is_computed else 0)
-        columns["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
-    return {f"cylinder_{name}": tuple(column) for name, column in columns.items()}

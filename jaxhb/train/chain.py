@@ -24,12 +24,12 @@ import numpy as np
 
 from jaxhb._jax import Array, added, namespace
 from jaxhb.equations.block_sweep import Slots, slots
-from jaxhb.equations.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
+from jaxhb.train.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.varying import refuse_varying
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import TrainArrays
     from jaxhb.train.topology import Topology
 
 ALL = slice(None)  # every link
@@ -335,7 +335,7 @@ def span_links(ends: Sequence[Sequence[int]], disks: int, root: int) -> Tree:
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
 
-def assemble(train: DriveTrain) -> System:
+def assemble(train: TrainArrays) -> System:
     """The :class:`System` of a drive train without links that vary; every number stays
     differentiable.
     """
@@ -388,7 +388,7 @@ def _index(values: Collection[int]) -> np.ndarray:
     return np.array(values, dtype=np.int32)
 
 
-def rigid_shape(train: DriveTrain, radius: Array) -> Array:
+def rigid_shape(train: TrainArrays, radius: Array) -> Array:
     """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R
     of each disk's rotor.
     """

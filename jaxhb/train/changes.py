@@ -12,26 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array, load, traced
-from jaxhb.elements import derived, value_checks
-from jaxhb.elements.elements import (
-    LARGEST,
-    TABLES,
-    Combustion,
-    Mesh,
-    SceneError,
-    Trace,
-    shown,
-    suggestion,
-)
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
-from jaxhb.excitation import gas
+from jaxhb.elements import derived
+from jaxhb.elements.declared import LARGEST
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES, Mesh
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.values import number_like, value_errors
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
-from jaxhb.train.tables import LAW_OF_FRIDMAN
+from jaxhb.train.kinematics import rotor_ratios
+from jaxhb.train.tables import LAW_OF_FRIDMAN, with_table
 from jaxhb.train.varying import NEEDS
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Train, TrainArrays
     from jaxhb.train.topology import Topology
 
 _WORDS = {
@@ -46,8 +40,8 @@ _NO_BACKLASH = (
 
 
 def _choose(
-    train: DriveTrain, values: Mapping[str, Any]
-) -> tuple[DriveTrain, dict[str, Any], list[str]]:
+    train: Train, values: Mapping[str, Any]
+) -> tuple[Train, dict[str, Any], list[str]]:
     """Take laws and numbers of teeth, which are no numbers of the train, from
     ``{"NAME.FIELD": value}``.
 
@@ -108,7 +102,7 @@ def _choose(
             chosen_value = values.get(followed_key, number)
             numbers[followed_key] = chosen_value
             if (
-                value_checks.number_like(chosen_value)
+                number_like(chosen_value)
                 and abs(float(chosen_value) - number) > RATIO_TOLERANCE * number
             ):
                 fault = (
@@ -126,7 +120,7 @@ def _choose(
 
 
 def scene_values(
-    train: DriveTrain, settings: Mapping[str, Any]
+    train: TrainArrays, settings: Mapping[str, Any]
 ) -> dict[tuple[str, int, str], Any]:
     """Values that a scene file needs for the settings ``{"NAME.FIELD": value}`` of a
     train that they made, by table, row and field.
@@ -148,9 +142,10 @@ def scene_values(
     return by_place
 
 
-TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
 _VARYING = {key: links for links, (key, _) in NEEDS.items()}
-_INNER = {"traces": Trace, "combustion": Combustion}
+_INNER = {
+    field: cls for kind in EXCITATIONS.values() for field, cls in kind.inner.items()
+}
 
 
 def locate(topology: Topology, key: str) -> tuple[str, str, int]:
@@ -187,10 +182,10 @@ def declared_field(table: str, field: str) -> dataclasses.Field | None:
     return {declared.name: declared for declared in dataclasses.fields(cls)}.get(inner)
 
 
-def _locate(train: DriveTrain, key: str) -> tuple[str, str, int]:
+def _locate(train: TrainArrays, key: str) -> tuple[str, str, int]:
     """Table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
-    numbers = getattr(train, TABLE_OF[table])
+    numbers = train.table(table)
     inner = field
     where = f"{train.topology.title}, [[{table}]] {key[: -len(field) - 1]!r}"
     if "." in field:
@@ -214,59 +209,53 @@ def _locate(train: DriveTrain, key: str) -> tuple[str, str, int]:
     return table, field, index
 
 
-def _vector(train: DriveTrain, table: str, field: str) -> Any:
+def _vector(train: TrainArrays, table: str, field: str) -> Any:
     """A field of a table over its elements; gas factors and injections that the scene
     does not give are 1.
     """
-    numbers = getattr(train, TABLE_OF[table])
+    numbers = train.table(table)
     outer, _, inner = field.rpartition(".")
     vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
-    absent = vector is None and field in ("gas_factor", "injection")
-    return np.ones(len(train.topology.cylinder_names)) if absent else vector
+    absent = (
+        vector is None and table in EXCITATIONS and field in EXCITATIONS[table].ones
+    )
+    return np.ones(len(train.topology.names_of(table))) if absent else vector
 
 
-def _place(train: DriveTrain, field: str, index: int) -> int:
+def _place(train: TrainArrays, table: str, field: str, index: int) -> int:
     """Index of an element in the vector of a field."""
     outer = field.rpartition(".")[0]
-    return getattr(train.cylinders, outer).seats.index(index) if outer else index
+    return getattr(train.table(table), outer).seats.index(index) if outer else index
 
 
-def _row(train: DriveTrain, table: str, field: str, index: int) -> Any:
+def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
     """The part of a row that the scene gave (harmonics and traces are padded)."""
-    place = _place(train, field, index)
+    place = _place(train, table, field, index)
     row = _vector(train, table, field)[place]
     if field in ("stages", "stops"):
         link = derived.link_number(train.topology, table, index)
         count = sum((link, field) == spring[:2] for spring in train.topology.springs)
         return row[:count]
-    if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
-        orders = f"mesh_{field}" if table == "mesh" else f"{table}_harmonics"
-        return row[: len(getattr(train.topology, orders)[index])]
-    if field == "combustion.exhaust_pressure":
-        combustion = train.cylinders.combustion
-        assert combustion is not None  # the field was located in it
-        return gas.full_exhaust_pressure(combustion)[place]
-    if field.startswith("traces."):
-        traces = train.cylinders.traces
-        assert traces is not None  # the field was located in them
-        speeds, loads = traces.sizes[place]
-        given_parts = {
-            "traces.rpm": np.s_[:speeds],
-            "traces.load": np.s_[:loads],
-            "traces.pressure": np.s_[:speeds, :loads],
-        }
-        return row[given_parts[field]]
-    return row
+    if table == "mesh" and field in (*OF_PERIOD, *OF_GEARS):
+        return row[: len(getattr(train.topology, f"mesh_{field}")[index])]
+    if (table, field) == ("load", "harmonics"):
+        return row[: len(train.topology.load_harmonics[index])]
+    if table not in EXCITATIONS:
+        return row
+    kind = EXCITATIONS[table]
+    if field == kind.order_rows:
+        return row[: len(train.topology.seats_of(table).harmonics[index])]
+    return kind.scene_row(train.table(table), field, place, row)
 
 
-def read(train: DriveTrain, key: str) -> Any:
+def read(train: TrainArrays, key: str) -> Any:
     """Read one number or array; see :meth:`DriveTrain.value`."""
     table, field, index = _locate(train, key)
     row = _row(train, table, field, index)
     return float(row) if isinstance(row, np.floating) else row
 
 
-def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
+def replace(train: Train, values: Mapping[str, Any]) -> Train:
     """Change numbers; see :meth:`DriveTrain.replace`."""
     before = train
     train, values, errors = _choose(train, values)
@@ -281,7 +270,9 @@ def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
             # Rows with traced numbers: numpy cannot join them.
             value = load().numpy.asarray(value)
         errors += _value_errors(train, key, table, field, index, value)
-        changes.setdefault((table, field), {})[_place(train, field, index)] = value
+        changes.setdefault((table, field), {})[_place(train, table, field, index)] = (
+            value
+        )
     if errors:
         raise SceneError(errors)
     changed = train
@@ -299,24 +290,18 @@ def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
     return changed
 
 
-def _with(
-    train: DriveTrain, table: str, field: str, new_values: Mapping[int, Any]
-) -> DriveTrain:
+def _with(train: Train, table: str, field: str, new_values: Mapping[int, Any]) -> Train:
     """The train with values ``{index: value}`` in the vector of one field."""
-    attribute = TABLE_OF[table]
     outer, _, inner = field.rpartition(".")
-    numbers = getattr(train, attribute)
+    numbers = train.table(table)
     vector = _set(_vector(train, table, field), new_values)
     if outer:
-        inner_table = dataclasses.replace(getattr(numbers, outer), **{inner: vector})
-        changed = dataclasses.replace(numbers, **{outer: inner_table})
-    else:
-        changed = dataclasses.replace(numbers, **{inner: vector})
-    changes: dict[str, Any] = {attribute: changed}
-    return dataclasses.replace(train, **changes)
+        vector = dataclasses.replace(getattr(numbers, outer), **{inner: vector})
+    changed = dataclasses.replace(numbers, **{outer or inner: vector})
+    return with_table(train, table, changed)
 
 
-def in_contact(train: DriveTrain) -> DriveTrain:
+def in_contact(train: Train) -> Train:
     """The same train with the gaps of all meshes closed and all else as it is: "without
     backlash".
     """
@@ -331,7 +316,7 @@ def in_contact(train: DriveTrain) -> DriveTrain:
     )
 
 
-def linearised(train: DriveTrain) -> DriveTrain:
+def linearised(train: Train) -> Train:
     """The train in contact, with teeth of their mean stiffness and shafts and dampers
     of one stiffness: linear.
     """
@@ -371,7 +356,7 @@ def _set(vector: Array, new_values: Mapping[int, Any]) -> Array:
     return scattered
 
 
-def within_range(train: DriveTrain) -> Array:
+def within_range(train: TrainArrays) -> Array:
     """Whether every number lies in the range of its field, a bool that may be traced;
     nan does not count as outside.
     """
@@ -379,10 +364,14 @@ def within_range(train: DriveTrain) -> Array:
 
     inside = [jnp.array(True)]
     tables: list[tuple[Any, Any]] = [
-        (TABLES[table], getattr(train, attribute))
-        for table, attribute in TABLE_OF.items()
+        (cls, train.table(table)) for table, cls in TABLES.items()
     ]
-    tables.append((Combustion, train.cylinders.combustion))
+    tables += [
+        (declared.metadata["of"], getattr(numbers, declared.name))
+        for kind, numbers, _ in train.excited()
+        for declared in dataclasses.fields(kind.element)
+        if declared.metadata["kind"] == "table"
+    ]
     for cls, numbers in tables:
         for declared in dataclasses.fields(cls):
             limits = declared.metadata.get("range")
@@ -403,7 +392,7 @@ def within_range(train: DriveTrain) -> Array:
 
 
 def _value_errors(
-    train: DriveTrain, key: str, table: str, field: str, index: int, value: Any
+    train: TrainArrays, key: str, table: str, field: str, index: int, value: Any
 ) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where = f"{train.topology.title}, replace {shown(key)}"
@@ -434,19 +423,18 @@ def _value_errors(
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
         return []  # the scene gave none, which stands as 0
-    return [
-        f"{where}: {text}"
-        for text in value_checks.value_errors(declared, float(number))
-    ]
+    return [f"{where}: {text}" for text in value_errors(declared, float(number))]
 
 
-def _has_no_effect(train: DriveTrain, table: str, field: str, index: int) -> str:
+def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has
     one.
     """
     topology = train.topology
-    if table == "cylinder":
-        return _has_no_effect_on_cylinder(train, field, index)
+    if table in EXCITATIONS:
+        seats = topology.seats_of(table)
+        numbers = train.table(table)
+        return EXCITATIONS[table].without_effect(numbers, seats, field, index)
     if table not in derived.LINKS:
         return ""
     if (
@@ -483,49 +471,6 @@ def _has_no_effect(train: DriveTrain, table: str, field: str, index: int) -> str
     return ""
 
 
-def _has_no_effect_on_cylinder(train: DriveTrain, field: str, index: int) -> str:
-    """Say why a number of a cylinder has no effect; empty where it has one."""
-    source = train.topology.cylinder_source[index]
-    moves = train.topology.cylinder_inertia[index] > 0
-    computed = source in gas.COMPUTED
-    if (field in ("bore", "ambient_pressure") and not computed) or (
-        field == "pressure" and source != "pressure"
-    ):
-        return (
-            "it has no effect, as the cylinder has no pressure table. Build the scene"
-            " with a pressure."
-        )
-    if field in ("load_rpm", "load_share") and source not in ("traces", "combustion"):
-        return (
-            "it has no effect, as the cylinder has neither traces nor combustion. Build"
-            " the scene with one of them."
-        )
-    if field in ("combustion.heat", "combustion.imep"):
-        combustion = train.cylinders.combustion
-        assert combustion is not None  # the field was located in it
-        by_work = combustion.by_work[_place(train, field, index)]
-        if by_work != (field == "combustion.imep"):
-            return (
-                f"it has no effect, as the scene gives {'imep' if by_work else 'heat'}"
-                " instead. Change that."
-            )
-    if field in ("gas_torque_mean", "gas_torque") and computed:
-        name = "pressure table" if source == "pressure" else source
-        return (
-            f"the gas torque comes from the {name}. Change {source}, or build the scene"
-            " without it."
-        )
-    if (field == "reciprocating_mass" and not moves) or (
-        field in ("stroke", "rod") and not (moves or computed)
-    ):
-        return (
-            "it has no effect, as the cylinder was built without inertia torque. Build"
-            " the scene with stroke, rod and reciprocating_mass (orders at least 1,"
-            " whole harmonics of the cycle)."
-        )
-    return ""
-
-
 def _periods(topology: Topology, ratios: Array, index: int) -> float:
     """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear
     has teeth.
@@ -539,7 +484,7 @@ def _periods(topology: Topology, ratios: Array, index: int) -> float:
     return float(next(periods, 1.0))
 
 
-def _check_ratios(before: DriveTrain, after: DriveTrain) -> None:
+def _check_ratios(before: TrainArrays, after: TrainArrays) -> None:
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders
     of its own.
     """
@@ -552,17 +497,17 @@ def _check_ratios(before: DriveTrain, after: DriveTrain) -> None:
     new = rotor_ratios(topology, radius)
     errors = []
     where = topology.title
-    torques = zip(
-        topology.torque_names, topology.torque_disk, topology.torque_own, strict=True
-    )
-    counted = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
-    # A phase counts on the rotor, whatever the orders of a torque count on.
-    turned = {k for row in topology.phase_torques for k in row}
-    counted += [
-        (name, disk)
-        for k, (name, disk, counts_own) in enumerate(torques)
-        if counts_own or k in turned
-    ]
+    counted: list[tuple[str, int]] = []
+    for k, seats in reversed([*enumerate(topology.excitations)]):
+        # A phase counts on the rotor, whatever the orders of a torque count on.
+        turned = {i for members in topology.phase_members for i in members[k]}
+        counted += [
+            (name, disk)
+            for i, (name, disk, own) in enumerate(
+                zip(seats.names, seats.disk, seats.own, strict=True)
+            )
+            if own or i in turned
+        ]
     pulsating = zip(
         topology.load_names, topology.load_disk, topology.load_harmonics, strict=True
     )

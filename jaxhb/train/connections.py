@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import Array, on_host, traced
-from jaxhb.elements.elements import shown
-from jaxhb.excitation.gas import FAR
-from jaxhb.excitation.mean_torques import mean_torques
+from jaxhb._jax import on_host, traced
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import shown
+from jaxhb.train.excitation import mean_on_disks, speeds
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import TrainArrays
 
 # Share by which the ratios around a closed loop may miss 1: radii are given with so
 # many digits
@@ -208,16 +208,6 @@ def exact_radii(
     return exact
 
 
-_NO_MEAN = (
-    "harmonics",
-    "gas_torque",
-    "firing_angle",
-    "reciprocating_mass",
-    "ambient_pressure",
-)
-"""Numbers of torques and cylinders that no mean torque depends on."""
-
-
 def names_of(names: Sequence[str], indices: Sequence[int], most: int = 8) -> str:
     """List names for a sentence."""
     listed = ", ".join(shown(names[index]) for index in indices[:most])
@@ -267,7 +257,7 @@ def unheld(
 def touches(changes: Collection[tuple[str, str]]) -> bool:
     """Tell whether changed fields ((table, field), ...) can decide what is held."""
     moves_means = any(
-        table in ("torque", "cylinder") and field not in _NO_MEAN
+        table in EXCITATIONS and field not in EXCITATIONS[table].no_mean
         for table, field in changes
     )
     return moves_means or not {
@@ -276,16 +266,19 @@ def touches(changes: Collection[tuple[str, str]]) -> bool:
     }.isdisjoint(changes)
 
 
-def train_errors(train: DriveTrain) -> list[str]:
+def train_errors(train: TrainArrays) -> list[str]:
     """Find parts that the numbers of a train leave loose or unheld; nothing where they
     are traced.
     """
     topology = train.topology
     dampers = train.dampers
-    fields = [*vars(train.torques).items(), *vars(train.cylinders).items()]
-    if traced(
-        dampers.stiffness, [values for name, values in fields if name not in _NO_MEAN]
-    ):
+    deciding = [
+        values
+        for kind, numbers, _ in train.excited()
+        for name, values in vars(numbers).items()
+        if name not in kind.no_mean
+    ]
+    if traced(dampers.stiffness, deciding):
         return []
     stiff = np.asarray(dampers.stiffness) > 0.0
     # An order-tuned absorber is held by its centrifugal stiffness.
@@ -317,45 +310,8 @@ def train_errors(train: DriveTrain) -> list[str]:
     )
 
 
-def on_disks(disks: int, seats: Sequence[int], torques: Array) -> np.ndarray:
-    """Sum torques [..., n] that act on the disks ``seats`` [n]: [..., disks]."""
-    total = np.zeros((*torques.shape[:-1], disks))
-    places = np.array(seats, dtype=int)
-    np.add.at(total, (..., places), torques)  # type: ignore[arg-type]
-    return total
-
-
-def speeds(train: DriveTrain) -> np.ndarray:
-    """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge
-    pressures and rated speeds; [0] without any.
-    """
-    torques, cylinders = on_host((train.torques, train.cylinders))
-    points = [
-        torques.scale_rpm,
-        cylinders.scale_rpm,
-        torques.rated_rpm,
-        cylinders.load_rpm,
-    ]
-    points += [cylinders.traces.rpm] if cylinders.traces is not None else []
-    combustion = cylinders.combustion
-    if combustion is not None and combustion.charge_at is not None:
-        points.append(
-            combustion.charge_at[
-                [quantity == "rpm" for quantity in combustion.charge_by]
-            ]
-        )
-    distinct = np.unique(
-        np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None])
-    )
-    # Points that fill up grids are no speeds.
-    return distinct[distinct < FAR] if len(distinct) else np.zeros(1)
-
-
 @np.errstate(over="ignore", invalid="ignore")
-def _loaded(train: DriveTrain) -> list[int]:
+def _loaded(train: TrainArrays) -> list[int]:
     """Disks under a mean torque at some speed."""
-    topology = train.topology
-    (torques, cylinders) = on_host((train.torques, train.cylinders))
-    means = mean_torques(torques, cylinders, topology.gas_cycles, speeds(train))
-    seats = [*topology.torque_disk, *topology.cylinder_disk]
-    return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()
+    host = on_host(train)
+    return np.flatnonzero(mean_on_disks(host, speeds(host)).any(axis=0)).tolist()

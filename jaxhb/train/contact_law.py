@@ -17,15 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.train import connections
+from jaxhb.train import excitation
+from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.varying import without_tables
 
 if TYPE_CHECKING:
     from jaxhb.elements.elements import Mesh
     from jaxhb.train.chain import System
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Train, TrainArrays
 
 # Shares of the mean force: at which the stiffness is full, and which the gap carries
 KNEE_SHARE = 0.2
@@ -42,7 +41,7 @@ IDLE = 1 / 3  # of a rated speed, from which on a train runs
 DENSE_DISKS = 1000
 
 
-def with_contact_law(train: DriveTrain, meshes: Sequence[Mesh]) -> DriveTrain:
+def with_contact_law(train: Train, meshes: Sequence[Mesh]) -> Train:
     """Complete the laws of the meshes of a train where their elements ``meshes`` leave
     numbers open.
     """
@@ -75,17 +74,17 @@ def with_contact_law(train: DriveTrain, meshes: Sequence[Mesh]) -> DriveTrain:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def _least_mean_forces(train: DriveTrain) -> np.ndarray:
+def _least_mean_forces(train: TrainArrays) -> np.ndarray:
     """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the
     scene gives torques, all teeth in contact.
     """
     # Here: it imports jax, which a train without a mesh to decide on does without.
     from jaxhb.train import chain
 
-    speeds = connections.speeds(train)
-    rated = train.torques.rated_rpm
+    speeds = excitation.speeds(train)
     # A torque that follows a power of the speed has a point at its rated speed alone.
-    speeds = np.append(speeds, [] if rated is None else IDLE * rated)
+    for kind, numbers, _ in train.excited():
+        speeds = np.append(speeds, IDLE * kind.rated_speeds(numbers))
     speeds = speeds[speeds > 0] if np.any(speeds > 0) else np.array([ANY_SPEED])
     system = chain.assemble(without_tables(train))
     load = _mean_torques(train, speeds).T / system.radius[:, None]
@@ -100,19 +99,17 @@ def _least_mean_forces(train: DriveTrain) -> np.ndarray:
     return np.nan_to_num(least, nan=0.0)
 
 
-def _mean_torques(train: DriveTrain, speeds: np.ndarray) -> np.ndarray:
+def _mean_torques(train: TrainArrays, speeds: np.ndarray) -> np.ndarray:
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
     topology = train.topology
     disks = train.topology.n_disks
-    seats = [*topology.torque_disk, *topology.cylinder_disk]
-    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
-    torque = connections.on_disks(disks, seats, means)
+    torque = excitation.mean_on_disks(train, speeds)
     if not topology.load_disk:
         return torque
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     share = train.loads.share
     load_share = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
-    return torque + connections.on_disks(
+    return torque + excitation.on_disks(
         disks, topology.load_disk, -np.outer(torque @ ratio, load_share)
     )
 

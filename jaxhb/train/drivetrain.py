@@ -7,7 +7,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,28 +15,17 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
-from jaxhb.elements.elements import SceneError, shown, suggestion
-from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation import gas
-from jaxhb.train import changes, firing, omission, varying
-from jaxhb.train.tables import (
-    Cylinders,
-    Dampers,
-    Disks,
-    Grounds,
-    Loads,
-    Meshes,
-    Phases,
-    Shafts,
-    Torques,
-)
-from jaxhb.train.topology import Topology
+from jaxhb.train import changes, omission, varying
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.tables import TrainArrays
 
 
 @pytree
 @by_value
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DriveTrain:
+class DriveTrain(TrainArrays):
     """A drive train: a pytree of float64 vectors (one for each field of each kind of
     element) and static topology.
 
@@ -45,17 +34,6 @@ class DriveTrain:
     fields are described in :mod:`jaxhb.train.tables`, the topology in
     :mod:`jaxhb.train.topology`.
     """
-
-    topology: Topology = field(metadata={"static": True})
-    disks: Disks
-    shafts: Shafts
-    meshes: Meshes
-    dampers: Dampers
-    grounds: Grounds
-    loads: Loads
-    torques: Torques
-    cylinders: Cylinders
-    phases: Phases | None = None
 
     def __repr__(self) -> str:
         return (
@@ -229,12 +207,12 @@ class DriveTrain:
             )
         values = dict(self.scenarios[name])
         train = self.without(*values.pop("without", ()))
-        names = train.topology.cylinder_names
-        fires_by_name = zip(names, train.topology.cylinder_fires, strict=True)
+        cylinders = train.topology.cylinders
+        fires_by_name = zip(cylinders.names, cylinders.fires, strict=True)
         fires = tuple(
             values.pop(f"{cylinder}.fires", fires) for cylinder, fires in fires_by_name
         )
-        topology = dataclasses.replace(train.topology, cylinder_fires=fires)
+        topology = train.topology.with_cylinders(fires=fires)
         # Rows are (order, Re, Im), of the orders that the train has.
         numbers = {
             key: np.array(value)[:, 1:] if isinstance(value, list) else value
@@ -270,18 +248,18 @@ class DriveTrain:
         there is no such cylinder.
 
         >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
-        >>> train.topology.cylinder_fires
+        >>> train.topology.cylinders.fires
         (True, True, False, True, True, True)
         """
         injected = [name not in cylinders for name in self._known_cylinders(cylinders)]
         fires = tuple(
             is_injected and fires_now
             for is_injected, fires_now in zip(
-                injected, self.topology.cylinder_fires, strict=True
+                injected, self.topology.cylinders.fires, strict=True
             )
         )
         return dataclasses.replace(
-            self, topology=dataclasses.replace(self.topology, cylinder_fires=fires)
+            self, topology=self.topology.with_cylinders(fires=fires)
         )
 
     def cut_off(self, *cylinders: str) -> DriveTrain:
@@ -293,16 +271,16 @@ class DriveTrain:
         cut_off = tuple(
             is_cut or was_cut
             for is_cut, was_cut in zip(
-                newly_cut, self.topology.cylinder_cut_off, strict=True
+                newly_cut, self.topology.cylinders.cut_off, strict=True
             )
         )
         return dataclasses.replace(
-            self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off)
+            self, topology=self.topology.with_cylinders(cut_off=cut_off)
         )
 
     def _known_cylinders(self, cylinders: Sequence[str]) -> tuple[str, ...]:
         """Names of all cylinders; refuses ``cylinders`` with a name that none has."""
-        names = self.topology.cylinder_names
+        names = self.topology.cylinders.names
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
@@ -353,7 +331,7 @@ class DriveTrain:
         >>> jaxhb.load_scene("first_scene").misfire("cylinder 1").not_firing()
         ['cylinder 1: no injection, compression stays']
         """
-        return firing.not_firing(self)
+        return omission.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
         """Say where the pressure traces of cylinders do not cover a speed or its load,
@@ -362,4 +340,4 @@ class DriveTrain:
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same
         traces; empty where all is covered.
         """
-        return gas.outside_traces(self, rpm)
+        return gas.outside_traces(self.topology.cylinders.names, self.cylinders, rpm)

@@ -1,5 +1,6 @@
-"""A train without some of its elements, as with a clutch open: everything that they
-carry goes with them, and everything that no link joins to the reference disk any more.
+"""What a train is without: elements that are left out, as with a clutch open, with
+everything that they carry and everything that no link joins to the reference disk any
+more; and the gas torques of cylinders that do not fire.
 """
 
 from __future__ import annotations
@@ -8,20 +9,22 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from jaxhb._jax import Array, traced
 from jaxhb.elements.derived import LINKS, link_number
-from jaxhb.elements.elements import SceneError, shown, suggestion
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
-from jaxhb.train.changes import TABLE_OF
+from jaxhb.train.tables import with_table
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Train, TrainArrays
     from jaxhb.train.topology import Topology
 
-# Tables of elements that sit on one disk
-SEATED = ("ground", "load", "torque", "cylinder")
 
-
-def without(train: DriveTrain, names: Sequence[str]) -> DriveTrain:
+def without(train: Train, names: Sequence[str]) -> Train:
     """Leave elements out; see :meth:`DriveTrain.without`."""
     topology = train.topology
     title = train.topology.title
@@ -41,13 +44,11 @@ def without(train: DriveTrain, names: Sequence[str]) -> DriveTrain:
             " belongs. Make a disk that stays the reference."
         )
     keep, disks = _remaining(topology, {elements[name] for name in names})
-    tables: dict[str, Any] = {}
-    for table, attribute in TABLE_OF.items():
-        numbers = getattr(train, attribute)
-        tables[attribute] = None if numbers is None else _rows(numbers, keep[table])
-    changed = dataclasses.replace(
-        train, topology=_topology(topology, keep, disks), **tables
-    )
+    changed = dataclasses.replace(train, topology=_topology(topology, keep, disks))
+    for table, rows in keep.items():
+        numbers = train.table(table)
+        if numbers is not None:
+            changed = with_table(changed, table, _rows(numbers, rows))
     errors = connections.train_errors(changed)
     if errors:
         raise SceneError(errors)
@@ -64,7 +65,7 @@ def _remaining(
     links = [
         (table, index)
         for table in LINKS
-        for index in range(len(getattr(topology, f"{table}_names")))
+        for index in range(len(topology.names_of(table)))
     ]
     closed_ends = [
         ends
@@ -89,27 +90,23 @@ def _remaining(
     seats: dict[tuple[str, int], tuple[int, ...]] = dict(
         zip(links, topology.link_ends, strict=True)
     )
-    for table in SEATED:
-        seats |= {
-            (table, index): (disk,)
-            for index, disk in enumerate(getattr(topology, f"{table}_disk"))
-        }
-    for table in (*LINKS, *SEATED):
+    seated = {"ground": topology.ground_disk, "load": topology.load_disk}
+    seated |= {table: topology.seats_of(table).disk for table in EXCITATIONS}
+    for table, disks_of in seated.items():
+        seats |= {(table, index): (disk,) for index, disk in enumerate(disks_of)}
+    for table in (*LINKS, *seated):
         joined = [
             index
             for (kind, index), disks_below in seats.items()
             if kind == table and remaining_disks.issuperset(disks_below)
         ]
         keep[table] = [index for index in joined if (table, index) not in out]
-    cylinders = set(keep["cylinder"])
-    torques = set(keep["torque"])
-    phased = zip(topology.phase_cylinders, topology.phase_torques, strict=True)
     phase_stays = [
-        not (
-            cylinders.isdisjoint(phased_cylinders)
-            and torques.isdisjoint(phased_torques)
+        any(
+            not set(keep[table]).isdisjoint(members)
+            for table, members in zip(EXCITATIONS, members_of, strict=True)
         )
-        for phased_cylinders, phased_torques in phased
+        for members_of in topology.phase_members
     ]
     keep["phase"] = [
         index
@@ -161,13 +158,20 @@ def _topology(
             rows = [place[disk] for disk in rows]
         elif suffix == "ends":
             rows = [(place[a], place[b]) for a, b in rows]
-        elif suffix in ("cylinders", "torques"):  # of a phase
-            indices = keep[suffix.removesuffix("s")]
+        elif suffix == "members":  # of a phase
             rows = [
-                tuple(indices.index(index) for index in row if index in indices)
-                for row in rows
+                tuple(
+                    tuple(
+                        keep[kind].index(index) for index in row if index in keep[kind]
+                    )
+                    for kind, row in zip(EXCITATIONS, members, strict=True)
+                )
+                for members in rows
             ]
         fields[field.name] = tuple(rows)
+    fields["excitations"] = tuple(
+        topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
+    )
     varying = {
         name: getattr(topology, name)
         for name in ("hz_links", "amplitude_links", "order_links")
@@ -211,4 +215,67 @@ def _topology(
             if any(keys[link] for link in links if keys)
             else ()
         ),
+    )
+
+
+COMPRESSING = "no injection, compression stays"
+CUT_OFF = "cut off, no gas torque at all"
+NO_COMPRESSION = (
+    "no gas torque at all, as compression cannot be told from a given gas_torque"
+)
+NOTHING = "no gas torque, the scene gives none"
+"""Words for what is computed of a cylinder that does not fire."""
+
+
+NAMED = 6  # cylinders in a sentence; of more the first and the last
+
+
+def not_firing(*trains: TrainArrays) -> list[str]:
+    """Say what is computed of cylinders without injection or gas torque, in any of some
+    trains; see :meth:`DriveTrain.not_firing`.
+    """
+    alike: dict[str, dict[str, None]] = {}
+    for train in trains:
+        for number, name in enumerate(train.topology.cylinders.names):
+            state = _computed(train, number)
+            if state:
+                alike.setdefault(state, {})[name] = None
+    return [f"{_names_text(list(names))}: {state}" for state, names in alike.items()]
+
+
+def _names_text(names: Sequence[str]) -> str:
+    """Names in a sentence; of many the first and the last."""
+    return (
+        ", ".join(names)
+        if len(names) <= NAMED
+        else f"{names[0]}, … {names[-1]} ({len(names)} cylinders)"
+    )
+
+
+def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
+    """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
+    number = train.topology.cylinders.names.index(cylinder)
+    return train.topology.cylinders.cut_off[number] or _is_zero(
+        train.cylinders.gas_factor, number
+    )
+
+
+def _computed(train: TrainArrays, number: int) -> str:
+    """Words for what is computed of one cylinder, "" of one that fires."""
+    cycles = train.topology.cylinders
+    if cycles.cut_off[number] or _is_zero(train.cylinders.gas_factor, number):
+        return CUT_OFF
+    if cycles.fires[number] and not _is_zero(train.cylinders.injection, number):
+        return ""
+    if cycles.source[number] in COMPUTED:
+        return COMPRESSING
+    return NO_COMPRESSION if cycles.source[number] == "harmonics" else NOTHING
+
+
+def _is_zero(values: Array | None, number: int) -> bool:
+    """Whether a number of an element is there, not traced, and 0."""
+    return (
+        values is not None
+        and not traced(values)
+        and float(np.asarray(values)[number]) == 0.0
     )

@@ -7,11 +7,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jaxhb.elements.elements import SceneError, shown
+from jaxhb.elements.sentences import SceneError, shown
 
 if TYPE_CHECKING:
     from jaxhb._jax import Numbers
-    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import TrainArrays
 
 # Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles
 # stay below
@@ -62,7 +62,7 @@ def read_speeds(text: str) -> list[float]:
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
 
 
-def check_speed(train: DriveTrain, rpm: Numbers, *, many: bool = False) -> None:
+def check_speed(train: TrainArrays, rpm: Numbers, *, many: bool = False) -> None:
     """Refuse a speed that is not a positive number or beyond any train, and several
     speeds unless ``many`` are allowed.
 

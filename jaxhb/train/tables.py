@@ -4,24 +4,27 @@ from elements.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from jaxhb.elements import derived
+from jaxhb.elements.columns import collected
 from jaxhb.elements.elements import (
-    Combustion,
-    Cylinder,
+    OF_GEARS,
+    OF_PERIOD,
+    TABLES,
     Damper,
     Disk,
     Ground,
+    Load,
     Mesh,
+    Phase,
     Shaft,
-    Torque,
 )
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
-from jaxhb.excitation import gas
-from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
+from jaxhb.elements.excitations import EXCITATIONS, Excitation
+from jaxhb.elements.excitations.torque import Torques
+from jaxhb.excitation.tables import Cylinders, table
+from jaxhb.train.topology import Topology
 
 Array = Any
 
@@ -130,127 +133,87 @@ class Phases:
     angle: Array
 
 
-@table
-class Torques:
-    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale
-    over rpm [nt, L].
-
-    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
-    no torque has a rated speed.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainArrays:
+    """The fields of a :class:`~jaxhb.train.drivetrain.DriveTrain`: all that computes
+    with a train works on these.
     """
 
-    mean: Array
-    harmonics: Array
-    scale_rpm: Array
-    scale_factor: Array
-    rated_rpm: Array | None = None
-    speed_exponent: Array | None = None
+    topology: Topology = dataclasses.field(metadata={"static": True})
+    disks: Disks
+    shafts: Shafts
+    meshes: Meshes
+    dampers: Dampers
+    grounds: Grounds
+    loads: Loads
+    excitations: dict[str, Any]
+    phases: Phases | None = None
+
+    @property
+    def torques(self) -> Torques:
+        """Numbers of the torques of the scene."""
+        return self.excitations["torque"]
+
+    @property
+    def cylinders(self) -> Cylinders:
+        """Numbers of the cylinders."""
+        return self.excitations["cylinder"]
+
+    def table(self, name: str) -> Any:
+        """Numbers of the elements of a ``[[table]]``; None of absent phases."""
+        if name in EXCITATIONS:
+            return self.excitations[name]
+        return getattr(self, ATTRIBUTES[name])
+
+    def excited(self) -> list[tuple[Excitation, Any, Any]]:
+        """Kinds of excitation, each with its numbers and its seats."""
+        seats = self.topology.excitations
+        return [
+            (kind, self.excitations[table], seats[k])
+            for k, (table, kind) in enumerate(EXCITATIONS.items())
+        ]
 
 
-@table
-class Cylinders:
-    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc];
-    gas torque and scale.
+ATTRIBUTES = {
+    table: "meshes" if table == "mesh" else f"{table}s"
+    for table in TABLES
+    if table not in EXCITATIONS
+}
+"""Fields of a train that hold the numbers of a ``[[table]]``; those of excitations are
+in ``excitations`` by the table.
+"""
 
-    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0);
-    ``pressure`` [nc, M] (Pa) on the uniform grid of the gas cycle counted from firing
-    top dead centre, zeros where none is given; ``scale_rpm`` and ``scale_factor`` [nc,
-    L]. A rod that is not given is 1 m, a bore or stroke 0 m. None where no cylinder has
-    them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either,
-    and ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
-    """
-
-    bore: Array
-    stroke: Array
-    rod: Array
-    reciprocating_mass: Array
-    firing_angle: Array
-    ambient_pressure: Array
-    gas_torque_mean: Array
-    gas_torque: Array
-    pressure: Array
-    scale_rpm: Array
-    scale_factor: Array
-    traces: Traces | None = None
-    combustion: Combustions | None = None
-    load_rpm: Array | None = None
-    load_share: Array | None = None
-    gas_factor: Array | None = None
-    injection: Array | None = None
+Train = TypeVar("Train", bound=TrainArrays)
+"""A train of any class, where what goes in and what comes out are of one."""
 
 
-def column(elements: Sequence[Any], name: str, absent: float = 0.0) -> np.ndarray:
-    """Collect one field over elements, ``absent`` for None."""
-    values = [getattr(element, name) for element in elements]
-    return np.array(
-        [absent if value is None else value for value in values], dtype=np.float64
-    )
-
-
-def _harmonics(rows: Sequence[Any]) -> np.ndarray:
-    """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
-    stacked = np.zeros((len(rows), max((len(row or ()) for row in rows), default=0), 2))
-    for i, row in enumerate(rows):
-        if row:
-            stacked[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
-    return stacked
-
-
-def _scales(elements: Sequence[Any]) -> dict[str, np.ndarray]:
-    """Stack the scales, padded by their last point; the factor is 1 without a scale."""
-    points = _padded([element.scale for element in elements], (0.0, 1.0), 2)
-    return {"scale_rpm": points[..., 0].copy(), "scale_factor": points[..., 1].copy()}
-
-
-def _padded(
-    rows: Sequence[Any], absent: tuple[float, ...], least: int = 1
-) -> np.ndarray:
-    """Stack lists of rows [n, K, columns]; lists without any hold the row ``absent``,
-    shorter ones repeat their last row; K is at least ``least``.
-    """
-    rows = [row or (absent,) for row in rows]
-    longest = max([least, *map(len, rows)])
-    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
-    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, len(absent))
-
-
-def _collected(
-    cls: type[Any], elements: Sequence[Any], special: Mapping[str, Any] | None = None
-) -> Any:
-    """Collect a table: its ``special`` fields, and the others from its elements; None
-    for a field that may be absent and that no element has.
-    """
-    columns = dict(special or {})
-    for field in dataclasses.fields(cls):
-        if field.name in columns:
-            continue
-        values = [getattr(element, field.name) for element in elements]
-        if field.default is None and not any(values):
-            columns[field.name] = None
-        elif field.name in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
-            columns[field.name] = _harmonics(values)
-        elif field.name in ("stages", "stops"):
-            columns[field.name] = _padded(values, (0.0, 0.0))
-        elif field.name.startswith("over_"):
-            rows = _padded(values, (0.0, 1.0, 1.0), 2)
-            columns[field.name] = rows if any(values) else rows[:, :0]
-        else:
-            columns[field.name] = column(elements, field.name)
-    return cls(**columns)
+def with_table(train: Train, name: str, numbers: Any) -> Train:
+    """The train with other numbers of the elements of a ``[[table]]``."""
+    changed: dict[str, Any] = {}
+    if name in EXCITATIONS:
+        changed["excitations"] = train.excitations | {name: numbers}
+    else:
+        changed[ATTRIBUTES[name]] = numbers
+    return dataclasses.replace(train, **changed)
 
 
 def of_elements(elements: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     """Tables of a train from the sound elements of each table of a scene."""
     return {
-        "disks": _collected(Disks, elements["disk"]),
-        "shafts": _collected(Shafts, elements["shaft"]),
-        "meshes": _collected(Meshes, [_with_law(mesh) for mesh in elements["mesh"]]),
-        "dampers": _collected(Dampers, elements["damper"]),
-        "grounds": _collected(Grounds, elements["ground"]),
-        "loads": _collected(Loads, elements["load"]),
-        "phases": _collected(Phases, elements["phase"]) if elements["phase"] else None,
-        "torques": torque_table(elements["torque"]),
-        "cylinders": cylinder_table(elements["cylinder"]),
+        "disks": collected(Disks, Disk, elements["disk"]),
+        "shafts": collected(Shafts, Shaft, elements["shaft"]),
+        "meshes": collected(
+            Meshes, Mesh, [_with_law(mesh) for mesh in elements["mesh"]]
+        ),
+        "dampers": collected(Dampers, Damper, elements["damper"]),
+        "grounds": collected(Grounds, Ground, elements["ground"]),
+        "loads": collected(Loads, Load, elements["load"]),
+        "phases": collected(Phases, Phase, elements["phase"])
+        if elements["phase"]
+        else None,
+        "excitations": {
+            table: kind.numbers(elements[table]) for table, kind in EXCITATIONS.items()
+        },
     }
 
 
@@ -262,118 +225,3 @@ def _with_law(mesh: Mesh) -> Mesh:
         epsilon=law["epsilon"] if mesh.epsilon is None else mesh.epsilon,
         transition=law["transition"] if mesh.transition is None else mesh.transition,
     )
-
-
-def torque_table(torques: Sequence[Torque]) -> Torques:
-    """Collect the torques that a scene gives."""
-    rated = any(torque.rated_rpm is not None for torque in torques)
-    exponent = column(torques, "speed_exponent", absent=2.0) if rated else None
-    return _collected(Torques, torques, _scales(torques) | {"speed_exponent": exponent})
-
-
-def cylinder_table(cylinders: Sequence[Cylinder]) -> Cylinders:
-    """Collect the cylinders; the pressure on its uniform grid."""
-    has_tables = any(cylinder.pressure for cylinder in cylinders)
-    # Without tables no samples: every program would take them.
-    pressure = np.zeros((len(cylinders), GAS_SAMPLES if has_tables else 0))
-    for i, cylinder in enumerate(cylinders):
-        if cylinder.pressure:
-            pressure[i] = gas_cycle(cylinder.pressure, cylinder.table_firing_tdc)
-    special: dict[str, Any] = {
-        "rod": column(cylinders, "rod", absent=1.0),
-        "pressure": pressure,
-        "traces": _trace_table(cylinders),
-        "combustion": _combustion_table(cylinders),
-    }
-    for name in ("gas_factor", "injection"):
-        scattered = any(getattr(cylinder, name) is not None for cylinder in cylinders)
-        special[name] = column(cylinders, name, absent=1.0) if scattered else None
-    return _collected(
-        Cylinders, cylinders, special | _scales(cylinders) | _shares(cylinders)
-    )
-
-
-def _trace_table(cylinders: Sequence[Any]) -> Traces | None:
-    """Collect the traces; None where no cylinder has any."""
-    seats = tuple(
-        i for i, cylinder in enumerate(cylinders) if gas.source(cylinder) == "traces"
-    )
-    if not seats:
-        return None
-    traces = [cylinders[i].traces for i in seats]
-    speeds = [sorted({float(trace.rpm) for trace in row}) for row in traces]
-    loads = [sorted({float(trace.load) for trace in row}) for row in traces]
-    rpm = gas.padded(speeds)
-    load = gas.padded(loads)
-    pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
-    for k, row in enumerate(traces):
-        for trace in row:
-            r = speeds[k].index(float(trace.rpm))
-            s = loads[k].index(float(trace.load))
-            pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
-    sizes = tuple(
-        (len(own_speeds), len(own_loads))
-        for own_speeds, own_loads in zip(speeds, loads, strict=True)
-    )
-    return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)
-
-
-def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
-    """Collect the combustions; None where no cylinder has one."""
-    seats = tuple(
-        i
-        for i, cylinder in enumerate(cylinders)
-        if gas.source(cylinder) == "combustion"
-    )
-    if not seats:
-        return None
-    combustions = [cylinders[i].combustion for i in seats]
-    names = [
-        field.name
-        for field in dataclasses.fields(Combustion)
-        if field.metadata["kind"] == "number"
-    ]
-    tables = [
-        combustion.charge_over_load or combustion.charge_over_rpm
-        for combustion in combustions
-    ]
-    has_factors = any(tables)
-    numbers = {
-        name: np.array(
-            [float(getattr(combustion, name) or 0.0) for combustion in combustions]
-        )
-        for name in names
-    }
-    charge_by = []
-    for combustion in combustions:
-        if combustion.charge_over_load:
-            charge_by.append("load")
-        else:
-            charge_by.append("rpm" if combustion.charge_over_rpm else "")
-    charge_at = None
-    charge_factor = None
-    if has_factors:
-        charge_at = gas.padded(
-            [[position for position, _ in rows or ((0.0, 1.0),)] for rows in tables]
-        )
-        charge_factor = _padded(tables, (0.0, 1.0))[..., 1].copy()
-    return Combustions(
-        seats=seats,
-        revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
-        by_work=tuple(combustion.imep is not None for combustion in combustions),
-        charge_by=tuple(charge_by),
-        charge_at=charge_at,
-        charge_factor=charge_factor,
-        **numbers,
-    )
-
-
-def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:
-    """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
-    if not any(
-        gas.source(cylinder) in ("traces", "combustion") for cylinder in cylinders
-    ):
-        return {"load_rpm": None, "load_share": None}
-    rows = [cylinder.load or ((0.0, 1.0),) for cylinder in cylinders]
-    rpm = gas.padded([[speed for speed, _ in row] for row in rows])
-    return {"load_rpm": rpm, "load_share": _padded(rows, (0.0, 1.0))[..., 1].copy()}

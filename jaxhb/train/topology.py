@@ -11,14 +11,15 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from jaxhb._jax import Number
-from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
-from jaxhb.excitation.gas import GasCycles
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES
+from jaxhb.elements.excitations import EXCITATIONS, Seats
+from jaxhb.elements.excitations.cylinder import CylinderSeats
+from jaxhb.elements.sentences import SceneError, shown, suggestion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,24 +28,19 @@ class Topology:
 
     Disk indices run over the disks of the scene and then over the rings of the dampers.
     Links are the shafts, then the dampers (from the disk they sit on to the ring), then
-    the meshes. ``torque_harmonics``, ``load_harmonics`` and ``cylinder_harmonics`` hold
-    the harmonics n of the cycle of each given order, as do ``mesh_stiffness_orders``,
-    .. ``mesh_second_gear_error``; ``mesh_periods`` of each cycle, 0 where none are
-    needed; ``cylinder_source`` what the gas torque of each cylinder comes from;
-    ``cylinder_step`` the harmonics of the cycle per harmonic of the gas cycle (0 where
-    no pressure is given) and ``cylinder_turn`` per order of its own rotor;
-    ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle and
-    how many orders of the own rotor are computed; ``cylinder_fires`` whether each is
-    injected, ``cylinder_cut_off`` whether it has no gas torque at all,
-    ``cylinder_every`` in every how many of its gas cycles it is injected, of which all
-    together ``cylinder_step`` and ``cylinder_gas`` count. ``rotor_path`` holds for each
+    the meshes. ``load_harmonics``
+    hold the harmonics n of the cycle of each given order, as do
+    ``mesh_stiffness_orders``, .. ``mesh_second_gear_error``; ``mesh_periods`` of each
+    cycle, 0 where none are needed. ``excitations`` are the :class:`Seats` of each kind
+    of excitation. ``rotor_path`` holds for each
     rotor the pairs (driving disk, driven disk) that lead to it from the reference
     rotor. ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary
     over the frequency, over their amplitude and with the speed. ``springs`` are what
     acts beside the stiffness of shafts and dampers: (link, "clearance", "stages",
     "stops" or "friction", row). ``shaft_rules`` name the limits of each shaft.
-    ``phase_cylinders`` and ``phase_torques`` are what each phase turns, ``phase_turn``
-    the harmonics of the cycle per order of their rotor. ``link_keys`` names for each
+    ``phase_members`` are the elements of each kind
+    of excitation that each phase turns, ``phase_turn`` the harmonics of the cycle per
+    order of their rotor. ``link_keys`` names for each
     link which of the keys that may be absent it has; empty where no link has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
@@ -79,28 +75,11 @@ class Topology:
     ground_disk: tuple[int, ...]
     load_names: tuple[str, ...]
     load_disk: tuple[int, ...]
-    torque_names: tuple[str, ...]
-    torque_disk: tuple[int, ...]
-    torque_own: tuple[bool, ...]
-    torque_harmonics: tuple[tuple[int, ...], ...]
-    cylinder_names: tuple[str, ...]
-    cylinder_disk: tuple[int, ...]
-    cylinder_source: tuple[str, ...]
-    cylinder_harmonics: tuple[tuple[int, ...], ...]
-    cylinder_step: tuple[int, ...]
-    cylinder_turn: tuple[float, ...]
-    cylinder_gas_revolutions: tuple[int, ...]
-    cylinder_gas: tuple[int, ...]
-    cylinder_inertia: tuple[int, ...]
-    cylinder_series: tuple[bool, ...]
-    cylinder_fires: tuple[bool, ...]
-    cylinder_cut_off: tuple[bool, ...]
-    cylinder_every: tuple[int, ...]
+    excitations: tuple[Seats, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
     shaft_rules: tuple[str, ...] = ()
     phase_names: tuple[str, ...] = ()
-    phase_cylinders: tuple[tuple[int, ...], ...] = ()
-    phase_torques: tuple[tuple[int, ...], ...] = ()
+    phase_members: tuple[tuple[tuple[int, ...], ...], ...] = ()
     phase_turn: tuple[float, ...] = ()
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
@@ -134,26 +113,49 @@ class Topology:
     @cached_property
     def _names(self) -> dict[str, tuple[str, ...]]:
         """Names of the elements by table."""
-        names = {table: getattr(self, f"{table}_names") for table in TABLES}
-        return names | {"disk": self.disk_names[: self.n_scene_disks]}
+        return {table: self.names_of(table) for table in TABLES}
 
-    @cached_property
-    def gas_cycles(self) -> GasCycles:
-        """Source, firing and revolutions of the gas cycle of each cylinder."""
-        return GasCycles(
-            source=self.cylinder_source,
-            fires=self.cylinder_fires,
-            cut_off=self.cylinder_cut_off,
-            revolutions=self.cylinder_gas_revolutions,
-            every=self.cylinder_every,
+    def names_of(self, table: str) -> tuple[str, ...]:
+        """Names of the elements of a table."""
+        if table == "disk":
+            return self.disk_names[: self.n_scene_disks]
+        names: tuple[str, ...] = (
+            self.seats_of(table).names
+            if table in EXCITATIONS
+            else getattr(self, f"{table}_names")
+        )
+        return names
+
+    def seats_of(self, table: str) -> Seats:
+        """What is fixed of the elements of a kind of excitation."""
+        return self.excitations[list(EXCITATIONS).index(table)]
+
+    @property
+    def torques(self) -> Seats:
+        """What is fixed of the torques of the scene."""
+        return self.seats_of("torque")
+
+    @property
+    def cylinders(self) -> CylinderSeats:
+        """What is fixed of the cylinders."""
+        return cast(CylinderSeats, self.seats_of("cylinder"))
+
+    def with_cylinders(self, **changes: tuple[bool, ...]) -> Topology:
+        """The same topology with some fields of its cylinders changed."""
+        cylinders = dataclasses.replace(self.cylinders, **changes)  # type: ignore[arg-type]
+        return dataclasses.replace(
+            self,
+            excitations=tuple(
+                cylinders if seats is self.cylinders else seats
+                for seats in self.excitations
+            ),
         )
 
     @cached_property
     def firing_cylinders(self) -> tuple[str, ...]:
         """Names of the cylinders that are injected and not cut off."""
-        cylinders = zip(
-            self.cylinder_names, self.cylinder_fires, self.cylinder_cut_off, strict=True
-        )
+        seats = self.cylinders
+        cylinders = zip(seats.names, seats.fires, seats.cut_off, strict=True)
         return tuple(name for name, fires, cut in cylinders if fires and not cut)
 
     @property
@@ -189,19 +191,17 @@ class Topology:
         numbers: dict[str, Any] = {
             "revolutions_per_cycle": cycles * self.revolutions_per_cycle
         }
-        for name in ("cylinder_step", "cylinder_turn", "mesh_periods", "phase_turn"):
+        for name in ("mesh_periods", "phase_turn"):
             numbers[name] = tuple(cycles * number for number in getattr(self, name))
         of_meshes = (f"mesh_{name}" for name in (*OF_PERIOD, *OF_GEARS))
-        for name in (
-            "torque_harmonics",
-            "cylinder_harmonics",
-            "load_harmonics",
-            *of_meshes,
-        ):
+        for name in ("load_harmonics", *of_meshes):
             numbers[name] = tuple(
                 tuple(cycles * harmonic for harmonic in row)
                 for row in getattr(self, name)
             )
+        numbers["excitations"] = tuple(
+            seats.repeated(cycles) for seats in self.excitations
+        )
         return dataclasses.replace(self, **numbers)
 
     @property

@@ -20,11 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, traced
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 
 if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
-    from jaxhb.train.tables import Dampers, Shafts
+    from jaxhb.train.tables import Dampers, Shafts, Train, TrainArrays
     from jaxhb.train.topology import Topology
 
 NEEDS = {
@@ -71,13 +70,13 @@ def _sentences(topology: Topology, fields: Iterable[str], why: str) -> list[str]
 
 
 def with_constant_links(
-    train: DriveTrain,
+    train: Train,
     ratios: Array,
     *,
     hz: Number | None,
     amplitude: Number | None,
     rpm: Number | None,
-) -> DriveTrain:
+) -> Train:
     """Evaluate the links that vary; see :meth:`DriveTrain.with_constant_links`.
 
     ``ratios`` : ``[n_rotors]`` speed of each rotor over that of the reference rotor.
@@ -138,7 +137,7 @@ def with_constant_links(
     )
 
 
-def without_tables(train: DriveTrain) -> DriveTrain:
+def without_tables(train: Train) -> Train:
     """The train with its links as they are without any factor and without order-tuned
     stiffness.
     """
@@ -165,7 +164,7 @@ def without_tables(train: DriveTrain) -> DriveTrain:
 
 
 def factors(
-    train: DriveTrain, hz: Number | None, amplitudes: Sequence[Any]
+    train: TrainArrays, hz: Number | None, amplitudes: Sequence[Any]
 ) -> tuple[list[int], Array, Array]:
     """Links with tables (V of them), and their factors of stiffness and of damping,
     arrays [V, ...].
@@ -210,7 +209,7 @@ def scaled(values: Array, index: Sequence[int] | np.ndarray, factor: Number) -> 
     return xp.asarray(values).at[places].multiply(factor, unique_indices=True)
 
 
-def order_stiffness(train: DriveTrain, ratios: Array, rpm: Number) -> Array:
+def order_stiffness(train: TrainArrays, ratios: Array, rpm: Number) -> Array:
     """Stiffness J n^2 Omega^2 of order-tuned dampers in N m/rad [..., n_dampers], at
     ``rpm`` [...] of the reference rotor.
     """

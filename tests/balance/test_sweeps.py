@@ -39,12 +39,13 @@ from jaxhb.balance.sweeps import (
     vibration_size,
 )
 from jaxhb.balance.swept import solve_by_sweeps
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.results.status import Status
 from jaxhb.solutions import planning
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import listed_harmonic
 
 RPM = 600.0
 STEPS = 512

@@ -19,11 +19,11 @@ from jaxhb.certificate import certificate, theorem
 from jaxhb.certificate.certificate import certify
 from jaxhb.certificate.linearization import Linearization, NotInverted
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Kantorovich
 from jaxhb.train import chain
+from jaxhb.train.mesh_parameters import law_meshes, law_of
 
 pytestmark = pytest.mark.slow
 
@@ -255,7 +255,7 @@ def forces(response, count=2**14):
     frequency = response.topology.cycle_frequency(float(response.rpm))
     value = fourier.synthesize(deflection, count)
     rate = fourier.synthesize(fourier.derivative(deflection, frequency), count)
-    law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
+    law = jax.tree.map(np.asarray, law_of(train.meshes)).expand()
     gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])
     damping = np.asarray(train.meshes.damping)
     force = backlash.mesh_force(law, damping[:, None], gated[:, None], value, rate)
@@ -306,7 +306,7 @@ def test_whatever_is_read_of_a_response_lies_within_the_bound(train, rpm, harmon
     bounds = certify(response)
     fine = jaxhb.solve(train, rpm=rpm, harmonics=1536, start=response)
     count = 2**16
-    law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
+    law = jax.tree.map(np.asarray, law_of(train.meshes)).expand()
     # The law has no meaning for meshes without backlash, which have no bound.
     with np.errstate(invalid="ignore"):
         deflections, true_forces = forces(fine, count)

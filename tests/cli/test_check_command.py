@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.equations.kinematics import tooth_damping_ratios
 from jaxhb.scene.writer import scene_text
+from jaxhb.train.kinematics import tooth_damping_ratios
 
 ENGINE = "inline_four_timing_drive"
 NOTE = (

@@ -250,14 +250,17 @@ def test_the_worst_of_all_misfires_is_that_of_python(told):
         f"The worst misfire is that of {hardest['cylinder']}: torque of"
         f" {hardest['value']:.4g} N m" in called.out
     )
-    assert list(record["misfires"]) == list(train.topology.cylinder_names)
+    assert list(record["misfires"]) == list(train.topology.cylinders.names)
     alone = jaxhb.forced_response(train.misfire("cylinder 2"), rpm=RPM).torque(NAMED)
     found = record["misfires"]["cylinder 2"]["shafts"][NAMED]
     np.testing.assert_allclose(
         found["half_peak_to_peak"], alone.half_peak_to_peak, rtol=1e-12
     )
     rows = called.rows
-    assert [row["misfire"] for row in rows[::4]] == ["", *train.topology.cylinder_names]
+    assert [row["misfire"] for row in rows[::4]] == [
+        "",
+        *train.topology.cylinders.names,
+    ]
     assert [
         float(row[f"{NAMED} half peak-to-peak N m"]) for row in rows[8:12]
     ] == found["half_peak_to_peak"]

@@ -79,7 +79,7 @@ def test_no_cylinder_is_blamed_for_what_another_number_of_the_scene_does(tmp_pat
     # that differs explains nothing.
     train = jaxhb.load_scene("six_cylinder_diesel")
     truth = train.replace(
-        {f"{name}.gas_factor": 2.0 for name in train.topology.cylinder_names}
+        {f"{name}.gas_factor": 2.0 for name in train.topology.cylinders.names}
     )
     lines = ["rpm,order,element,quantity,amplitude,phase"]
     for rpm in (1500.0, 1900.0):

@@ -31,7 +31,7 @@ def test_an_expanded_scene_is_printed_and_loads_to_the_same_train(scene, run):
     train, copy = (
         jaxhb.load_scene(scene.with_name(name)) for name in ("engine.toml", "copy.toml")
     )
-    assert copy.topology.cylinder_names == train.topology.cylinder_names
+    assert copy.topology.cylinders.names == train.topology.cylinders.names
     jax.tree.map(np.testing.assert_array_equal, copy.cylinders, train.cylinders)
 
 

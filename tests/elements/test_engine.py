@@ -10,12 +10,14 @@ import pytest
 from built_trains import same
 from reference_data import reference, text_of
 
-from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
+from jaxhb.elements.elements import Disk, Load, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
-from jaxhb.excitation.torques import excitation
+from jaxhb.elements.excitations.crank_slider import Combustion, Cylinder
+from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import excitation
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = "\n" + text_of("six_cylinders.toml")
@@ -88,9 +90,9 @@ def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tm
     out = tmp_path / "out.toml"
     path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
-    assert train.topology.cylinder_names == ("port 1", "port 2")
-    assert train.topology.cylinder_fires == (True, False)
-    assert train.topology.cylinder_gas_revolutions == (1, 1)
+    assert train.topology.cylinders.names == ("port 1", "port 2")
+    assert train.topology.cylinders.fires == (True, False)
+    assert train.topology.cylinders.revolutions == (1, 1)
     assert train.value("port 2.combustion.start") == -4.5
     assert train.value("port 2.rod") == 0.21
     assert train.value("port 2.firing_angle") == 181.5
@@ -108,7 +110,7 @@ def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
         cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0
     )
     train = load_scene("gear_train_30")
-    names = train.topology.cylinder_names
+    names = train.topology.cylinders.names
     packaged = {name: train.value(f"{name}.firing_angle") for name in names}
     assert {f"cylinder {label}": angle for label, angle in computed.items()} == packaged
 
@@ -219,4 +221,4 @@ def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
     with pytest.raises(SceneError, match=sentence):
         build([*TRAIN, extra, engine()])
     train = build([*TRAIN, extra, single_cylinder("b")])
-    assert train.topology.cylinder_names == ("extra", "cylinder 1")
+    assert train.topology.cylinders.names == ("extra", "cylinder 1")

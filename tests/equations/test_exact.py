@@ -15,7 +15,8 @@ from trains import branched_parts, build
 
 from jaxhb import Mesh
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import Law, all_meshes
+from jaxhb.equations.backlash import Law
+from jaxhb.train.mesh_parameters import all_meshes
 
 EXACT = 1e-13
 """Degree of the polynomials of a cell, for any spectrum of the deflection; relative to

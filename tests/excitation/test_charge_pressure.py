@@ -9,12 +9,13 @@ from built_trains import pair
 from reference_data import reference
 from tolerances import ALGEBRAIC
 
-from jaxhb.elements.elements import Combustion, Cylinder, SceneError
+from jaxhb.elements.excitations.crank_slider import Combustion, Cylinder
+from jaxhb.elements.sentences import SceneError
 from jaxhb.excitation.gas import charge_pressures
 from jaxhb.excitation.mean_torques import gas_pressures
-from jaxhb.excitation.torques import excitation
 from jaxhb.report.text.scene_check import charges_of
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
+from jaxhb.train.excitation import excitation
 
 FULL = 3.6e5
 IMEP = 1.8e6
@@ -102,7 +103,7 @@ def test_at_low_load_the_largest_pressure_is_that_of_the_low_charge():
     """At 20 rpm 1.02 bar are compressed, not 3.6: the pressure is less than half."""
     at_full_charge = train(charge_over_load=((1.0, 1.0),))
     low, high = (
-        float(gas_pressures(t.cylinders, t.topology.gas_cycles, 20.0).max())
+        float(gas_pressures(t.cylinders, t.topology.cylinders, 20.0).max())
         for t in (train(), at_full_charge)
     )
     charge = ATMOSPHERE + 0.008**1.5 * (FULL - ATMOSPHERE)

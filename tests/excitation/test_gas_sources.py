@@ -12,19 +12,12 @@ from built_trains import pair
 from reference_data import reference
 from tolerances import ALGEBRAIC, GRADIENT
 
-from jaxhb.elements.elements import (
-    Combustion,
-    Cylinder,
-    Disk,
-    Ground,
-    Load,
-    Mesh,
-    SceneError,
-    Torque,
-    Trace,
-)
-from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic
+from jaxhb.elements.elements import Disk, Ground, Load, Mesh
+from jaxhb.elements.excitations.crank_slider import Combustion, Cylinder, Trace
+from jaxhb.elements.excitations.torque import Torque
+from jaxhb.elements.sentences import SceneError
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import excitation, highest_harmonic, listed_harmonic
 
 SWEPT = np.pi / 4 * 0.1**2 * 0.12
 

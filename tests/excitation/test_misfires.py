@@ -11,8 +11,9 @@ from built_trains import pair
 from scipy.integrate import quad
 from tolerances import ALGEBRAIC, GRADIENT
 
-from jaxhb.elements.elements import Combustion, Cylinder, SceneError, Trace
-from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.elements.excitations.crank_slider import Combustion, Cylinder, Trace
+from jaxhb.elements.sentences import SceneError
+from jaxhb.train.excitation import excitation, highest_harmonic
 
 BORE = 0.3
 STROKE = 0.4

@@ -11,8 +11,8 @@ import pytest
 from built_trains import pair
 from simulated_cycles import Engine, Opening, cycle, torque_harmonics
 
-from jaxhb.elements.elements import Cylinder
-from jaxhb.excitation.torques import excitation
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.train.excitation import excitation
 
 ENGINES = {
     "medium speed, turbocharged": Engine(

@@ -22,6 +22,7 @@ from jaxhb.equations.state_space import partition, state_space, unheld_modes
 from jaxhb.floquet import intervals, slopes
 from jaxhb.floquet.stability import stability
 from jaxhb.train import chain
+from jaxhb.train.mesh_parameters import law_meshes
 
 LIGHT_PAIR = jaxhb.load_scene(DATA / "scenes" / "light_pair.toml")
 PLAY = 1e-4  # m, half the backlash of the light pair
@@ -248,7 +249,7 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
     for train in (pair(transition=0.05), varying_pair()):
         response = moving(train, 900.0, 2 * PLAY)
         system = chain.assemble(train)
-        meshes = jax.tree.map(np.asarray, slopes.backlash.law_meshes(train))
+        meshes = jax.tree.map(np.asarray, law_meshes(train))
         frequency = train.topology.cycle_frequency(900.0)
         parts = partition(system, meshes)
         space = jax.tree.map(np.asarray, state_space(system, meshes, frequency, parts))

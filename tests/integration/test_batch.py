@@ -11,10 +11,10 @@ from compiling import executables
 from integrated_trains import pair
 
 from jaxhb import Disk, Mesh, Shaft
-from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import batch as marching, cycles as recording
 from jaxhb.integration.reference import _discretize, _march
 from jaxhb.steady.marching import Batch, Equations
+from jaxhb.train.excitation import excitation, listed_harmonic
 
 STEPS = 4096
 

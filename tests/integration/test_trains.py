@@ -14,16 +14,18 @@ from integrated_trains import pair, posed
 from scipy.integrate import solve_ivp
 
 from jaxhb import shooting_correction, solve
-from jaxhb.elements.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Disk, Ground, Mesh, Shaft
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import fourier
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
-from jaxhb.excitation.torques import highest_harmonic, listed_harmonic
 from jaxhb.integration import reference
 from jaxhb.integration.reference import integrate, resolving_steps
 from jaxhb.integration.shooting import monodromy, shoot
 from jaxhb.integration.step import cycle, discretize, march as march_on
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
+from jaxhb.train.excitation import highest_harmonic, listed_harmonic
 
 HAMMERING_RPM = 2200.0
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))

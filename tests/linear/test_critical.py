@@ -129,4 +129,4 @@ def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
 def test_a_four_stroke_keeps_its_orders_to_12():
     train = jaxhb.build([*engine(stroke_cycle=4)], revolutions_per_cycle=2)
     assert max(excited_orders(train, rpm=[300.0])) <= 12.0
-    assert train.topology.cylinder_gas == (24, 24)
+    assert train.topology.cylinders.gas == (24, 24)

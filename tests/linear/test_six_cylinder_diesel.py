@@ -33,7 +33,7 @@ def mirrored(train):
     """
     angles = {
         f"{name}.firing_angle": -train.value(f"{name}.firing_angle")
-        for name in train.topology.cylinder_names
+        for name in train.topology.cylinders.names
     }
     return jaxhb.forced_response(
         train.replace(angles), rpm=np.array(DATA["rpm"], float)

@@ -228,7 +228,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(report, parts
     cell = shares.columns[5][shares.columns[0].index("Dämpfer")]
     assert float(cell) == pytest.approx(largest / 500.0, abs=0.006)
     misfiring = report.seconds[1].answers[0].train
-    assert misfiring.topology.cylinder_fires == (True, False)
+    assert misfiring.topology.cylinders.fires == (True, False)
     assert misfiring.value("Dämpfer.damping") == 25.0
     assert "was run without a misfire" not in parts["Second design"].html
     lines = second_text(report.cases, report.seconds).splitlines()

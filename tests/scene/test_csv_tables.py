@@ -4,7 +4,7 @@ and marks decimals.
 
 import pytest
 
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.csv_tables import number_rows
 
 COLUMNS = "angle", "pressure"

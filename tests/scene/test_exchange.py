@@ -29,7 +29,7 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.writer import elements_text, scene_text
 from jaxhb.train.assembly import build
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
 
 
 def disk(name, inertia, damping=0.0):
@@ -189,7 +189,7 @@ def test_an_excitation_whose_torque_a_tors_file_does_not_tell_is_not_read_and_to
 ):
     motor = [disk("rotor", 4e-4) | {"excitation": excitation}, shaft("s", 1e4)]
     topology = load_scene(write(tmp_path, "box.json", gearbox(motor=motor))).topology
-    assert not topology.torque_names
+    assert not topology.torques.names
     (note,) = topology.notes
     assert "'motor.rotor' is not read" in note
     assert why in note
@@ -206,7 +206,7 @@ def test_excitations_of_shafts_and_gears_act_where_opentorsion_puts_them(tmp_pat
     train = load_scene(write(tmp_path, "box.json", parts))
     topology = train.topology
     name = parts["components"][1]["elements"][1]["name"]
-    assert [topology.disk_names[disk] for disk in topology.torque_disk] == [
+    assert [topology.disk_names[disk] for disk in topology.torques.disk] == [
         "motor.rotor",
         f"box.{name}",
     ]

@@ -10,7 +10,7 @@ import pytest
 from reference_data import text_of
 
 from jaxhb.design.measurements import read_measured
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.sentences import SceneError
 from jaxhb.report.files.output import as_csv
 from jaxhb.scene.csv_tables import read_csv
 from jaxhb.scene.files import load_scene

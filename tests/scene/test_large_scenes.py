@@ -7,8 +7,9 @@ import time
 import pytest
 from reference_data import text_of
 
-from jaxhb.elements.elements import LARGEST, SceneError
-from jaxhb.elements.value_checks import LONGEST_NAME
+from jaxhb.elements.declared import LARGEST
+from jaxhb.elements.sentences import SceneError
+from jaxhb.elements.values import LONGEST_NAME
 from jaxhb.scene.files import load_scene
 
 SOUND = text_of("three_disks.toml")

@@ -7,7 +7,10 @@ import tomllib
 import pytest
 from reference_data import DATA, reference, refused, text_of
 
-from jaxhb.elements.elements import Cylinder, Disk, Load, SceneError, Shaft, Torque
+from jaxhb.elements.elements import Disk, Load, Shaft
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
+from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import load_scene, scene_description
 from jaxhb.train.assembly import build
 
@@ -153,7 +156,7 @@ def test_a_byte_order_mark_is_no_fault(tmp_path):
     (tmp_path / "h.csv").write_text("1.0, 2.0, 3.0\n", encoding="utf-8-sig")
     table = '[[torque]]\ndisk = "a"\nharmonics = "h.csv"\n[[load]]\ndisk = "b"\n'
     (tmp_path / "gears.toml").write_text(SOUND + table, encoding="utf-8-sig")
-    assert load_scene(tmp_path / "gears.toml").topology.torque_harmonics == ((2,),)
+    assert load_scene(tmp_path / "gears.toml").topology.torques.harmonics == ((2,),)
 
 
 def test_what_is_no_element_is_told():

@@ -13,13 +13,14 @@ from reference_data import reference
 
 import jaxhb
 from jaxhb.equations import backlash
-from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.integration.step import cycle
 from jaxhb.results.status import Sweeps
 from jaxhb.steady import classification
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Batch, Equations, record_of
+from jaxhb.train.excitation import excitation, highest_harmonic
+from jaxhb.train.mesh_parameters import law_meshes
 
 
 def one_mass(omega):
@@ -411,9 +412,7 @@ def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(
         classifier=SimpleNamespace(train=train, repelling={0: [(response, 1)]}),
         index=0,
         march=SimpleNamespace(closure=closure),
-        batch=SimpleNamespace(
-            equations=SimpleNamespace(meshes=backlash.law_meshes(train))
-        ),
+        batch=SimpleNamespace(equations=SimpleNamespace(meshes=law_meshes(train))),
     )
     passed = classification._Classification._passed_again(
         classified, np.concatenate([deflection] * 2), period

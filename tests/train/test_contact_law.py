@@ -9,8 +9,8 @@ import pytest
 from tolerances import ALGEBRAIC, PATHS
 
 import jaxhb
-from jaxhb.equations.backlash import law_of
 from jaxhb.train.contact_law import _least_mean_forces
+from jaxhb.train.mesh_parameters import law_of
 
 STIFFNESS = 1e8
 BACKLASH = 1e-4

@@ -8,20 +8,13 @@ import numpy as np
 import pytest
 from reference_data import reference, refused
 
-from jaxhb.elements.elements import (
-    Cylinder,
-    Damper,
-    Disk,
-    Ground,
-    Load,
-    Mesh,
-    SceneError,
-    Shaft,
-    Torque,
-)
-from jaxhb.equations.kinematics import inertias, speed_ratios
+from jaxhb.elements.elements import Damper, Disk, Ground, Load, Mesh, Shaft
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
+from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
+from jaxhb.train.kinematics import inertias, speed_ratios
 
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),
@@ -67,11 +60,11 @@ def test_elements_without_a_name_are_called_by_their_disks():
         Cylinder(disk="a", fires=False),
     ]
     topology = build(parts, reference="a").topology
-    assert topology.torque_names == ("a:torque", "a:torque#2")
+    assert topology.torques.names == ("a:torque", "a:torque#2")
     assert topology.shaft_names == ("b|c", "b|c#2")
     assert topology.ground_names == ("c:ground",)
     assert topology.load_names == ("c:load",)
-    assert topology.cylinder_names == ("a:cylinder",)
+    assert topology.cylinders.names == ("a:cylinder",)
     refused(
         lambda: topology.link_index("b", "c"),
         r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one",

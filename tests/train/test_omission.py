@@ -169,7 +169,7 @@ def test_what_hangs_on_a_disk_goes_with_it_and_what_it_joined():
 def test_a_scenario_switches_cylinders_and_the_pulsation_of_a_load():
     train = built(SCENARIOS).scenario("zero pitch")
     assert_same_motion(train, built(blades=((4.0, 0.01, 0.0),)).misfire("port 2"))
-    assert train.topology.cylinder_fires == (True, False, True, True)
+    assert train.topology.cylinders.fires == (True, False, True, True)
 
 
 @pytest.mark.slow

@@ -4,9 +4,9 @@ import numpy as np
 from reference_data import reference
 
 from jaxhb import linear_response, natural_frequencies
-from jaxhb.equations.kinematics import inertias
-from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.scene.files import load_scene, scene_description, scene_names
+from jaxhb.train.excitation import excitation, highest_harmonic
+from jaxhb.train.kinematics import inertias
 
 
 def test_every_packaged_scene_loads_and_has_a_description():

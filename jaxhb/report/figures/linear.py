@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.linear.critical import ELASTIC, Campbell, Critical, shares_in_mode
 from jaxhb.linear.holzer import HolzerTable, holzer_residual
 from jaxhb.linear.modal import AT_REST, Modes
@@ -31,6 +30,7 @@ from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.orders import NUMBERS, OrderNames
 from jaxhb.report.text.columns import plain_number
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
 
 if TYPE_CHECKING:
     from jaxhb.report.figures.draw import Picture

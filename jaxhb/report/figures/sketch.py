@@ -13,6 +13,7 @@ from jaxhb.report.figures.figure import BAND
 from jaxhb.report.figures.layout import Layout
 from jaxhb.train.chain import span
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import excited_disks
 from jaxhb.train.topology import Topology
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _inches(layout: Layout) -> float:
 
 def _draw_disks(axes: Axes, topology: Topology, layout: Layout) -> None:
     """Draw disks, rings and pitch circles."""
-    excited = {*topology.torque_disk, *topology.cylinder_disk}
+    excited = {*excited_disks(topology)}
     centres = np.stack([layout.x, layout.y], axis=1)[:, :, None]
     for disk, centre in enumerate(centres):
         ring = disk >= topology.n_scene_disks

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb.equations import fourier
-from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.files.output import Sheet
 from jaxhb.report.text.certified import certificate_record
@@ -36,9 +35,10 @@ from jaxhb.results.quantities import (
 )
 from jaxhb.results.record import RecordedSignal
 from jaxhb.results.signal import MISSED, Signal
+from jaxhb.train.checks.plausible import plausibility
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.firing import not_firing
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.omission import not_firing
 
 if TYPE_CHECKING:
     from jaxhb.results.dataset import Dataset

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jaxhb.elements.elements import facts_of, table_of, unit_of
+from jaxhb.elements.declared import facts_of, table_of, unit_of
 from jaxhb.report.page.parts import Block, table
 from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.train.drivetrain import DriveTrain

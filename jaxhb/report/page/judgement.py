@@ -28,7 +28,7 @@ from jaxhb.report.text.strength import (
     strength_text,
 )
 from jaxhb.report.text.sweep_tables import motion_sentences
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
 
 ROUNDING = 1e-9  # share of the power that is lost by rounding
 

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxhb.elements.elements import facts_of, unit_of
+from jaxhb.elements.declared import facts_of, unit_of
 from jaxhb.excitation.gas import GAS_SAMPLES
-from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
+from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.differences import value_text
@@ -102,7 +102,7 @@ def excitation_tables(report: Report) -> list[Table]:
     mean torques over the speed, orders. Of cylinders that differ in nothing but their
     firing angle and their throw the first stands for all.
     """
-    names = report.train.topology.cylinder_names
+    names = report.train.topology.cylinders.names
     first: dict[str, str] = {}
     first_of_facts: dict[tuple, str] = {}
     for name, files in zip(
@@ -135,7 +135,7 @@ def _columns_of(report: Report, kind: str) -> dict[str, dict[str, str]]:
     """Write the facts that the scene gives of the elements of a kind: cells by name, by
     heads; without facts that it gives of none.
     """
-    names = getattr(report.train.topology, f"{kind}_names")
+    names = report.train.topology.names_of(kind)
     columns: dict[str, dict[str, str]] = defaultdict(dict)
     for name, files in zip(
         names, report.files.get(kind) or [{}] * len(names), strict=True
@@ -171,7 +171,7 @@ def _cell(value: Any, field: dataclasses.Field, factor: float, file: str | None)
 def _rows_of(report: Report, kind: str, title: str) -> Table | None:
     """Make a table with a row for each element of a kind; None without."""
     columns = _columns_of(report, kind)
-    names = getattr(report.train.topology, f"{kind}_names")
+    names = report.train.topology.names_of(kind)
     rows = [
         (name, *(cells.get(name, NONE) for cells in columns.values())) for name in names
     ]
@@ -226,19 +226,17 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
     )
     factors = gas_factor * scale_at(cylinders, speeds)
     pressures = gas_factor[:, None] * gas_pressures(
-        cylinders, topology.gas_cycles, speeds
+        cylinders, topology.cylinders, speeds
     )
     rows = []
     charges = charges_of(report.train, rpm)
-    means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[
-        :, len(topology.torque_names) :
-    ]
-    for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
-        turns = topology.cylinder_gas_revolutions[i]
+    means = mean_gas_torques(cylinders, topology.cylinders, speeds)
+    for i in sorted({topology.cylinders.names.index(name) for name in first.values()}):
+        turns = topology.cylinders.revolutions[i]
         swept = np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
             pressure_cells = [NONE, NONE, NONE]
-            if topology.gas_cycles.computed[i]:
+            if topology.cylinders.computed[i]:
                 place = int(np.argmax(pressures[k, i]))
                 period = 360.0 * turns
                 angle = place * period / GAS_SAMPLES
@@ -248,7 +246,7 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
                     * 2
                     * np.pi
                     * turns
-                    * topology.cylinder_every[i]
+                    * topology.cylinders.every[i]
                     * means[k, i]
                     / swept
                 )
@@ -257,7 +255,7 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
                     f"{angle - period * (angle > period / 2):.1f}",
                     imep,
                 ]
-            name = topology.cylinder_names[i]
+            name = topology.cylinders.names[i]
             load, charge = (
                 (column[k] for column in charges[name])
                 if name in charges
@@ -345,8 +343,8 @@ def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
     sources = [
         (name, "N m", harmonics, values)
         for name, harmonics, values in zip(
-            topology.torque_names,
-            topology.torque_harmonics,
+            topology.torques.names,
+            topology.torques.harmonics,
             train.torques.harmonics,
             strict=True,
         )
@@ -354,8 +352,8 @@ def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
     sources += [
         (f"gas torque of {name}, firing at 0", "N m", harmonics, values)
         for name, harmonics, values in zip(
-            topology.cylinder_names,
-            topology.cylinder_harmonics,
+            topology.cylinders.names,
+            topology.cylinders.harmonics,
             train.cylinders.gas_torque,
             strict=True,
         )

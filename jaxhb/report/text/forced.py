@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array, Number
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array
-from jaxhb.elements.elements import SceneError
-from jaxhb.equations.backlash import all_meshes
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
     RIGID,
@@ -33,6 +32,7 @@ from jaxhb.report.text.columns import (
     plain_number,
 )
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.mesh_parameters import all_meshes
 
 FIRST = 3  # modes whose energies or tables are shown unless some are chosen
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxhb.excitation.torques import excitation
 from jaxhb.linear.strength import train_of
 from jaxhb.report.text.columns import plain_number
 from jaxhb.results.response import Response
-from jaxhb.train.plausible import compressors
+from jaxhb.train.checks.plausible import compressors
+from jaxhb.train.excitation import excitation
 from jaxhb.train.topology import Topology
 
 NOTED_SHARE = 0.01
@@ -35,7 +35,7 @@ def torques_of(response: Response, kind: str) -> dict[str, float]:
     values = response.load_torque if kind == "load" else response.ground_reaction
     return dict(
         zip(
-            getattr(response.topology, f"{kind}_names"),
+            response.topology.names_of(kind),
             np.asarray(values, float).tolist(),
             strict=True,
         )
@@ -137,7 +137,7 @@ def torque_notes(responses: Sequence[Response]) -> list[str]:
                 f"The ground {name!r} takes {torque}, {share}: is a [[load]] missing?"
             )
     train = train_of(responses[0])
-    fires = np.flatnonzero(topology.cylinder_fires).tolist()
+    fires = np.flatnonzero(topology.cylinders.fires).tolist()
     driven = (
         not compressors(train).issuperset(fires)
         or (np.asarray(train.torques.mean) > 0).any()

@@ -11,12 +11,9 @@ from jaxhb._jax import Array
 from jaxhb.design.quantities import check_all
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
-from jaxhb.elements.elements import SceneError
-from jaxhb.equations.backlash import all_meshes
+from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import sample
-from jaxhb.equations.kinematics import Referred, referred, tooth_damping_ratios
 from jaxhb.excitation.gas import charge_pressures, load_share
-from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.linear.strength import train_of
 from jaxhb.report.text.columns import (
     NONE,
@@ -30,9 +27,16 @@ from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
 from jaxhb.results.response import Response
-from jaxhb.train import connections
+from jaxhb.train.checks.plausible import plausibility
+from jaxhb.train.connections import names_of
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.excitation import (
+    excited_disks,
+    mean_torques,
+    speeds as excitation_speeds,
+)
+from jaxhb.train.kinematics import Referred, referred, tooth_damping_ratios
+from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
@@ -72,7 +76,7 @@ def referred_tables(train: DriveTrain) -> list[Table]:
         kinds = [
             kind
             for kind in ("shaft", "damper", "mesh")
-            for _ in getattr(topology, f"{kind}_names")
+            for _ in topology.names_of(kind)
         ]
         links = {
             "link": numbers.links,
@@ -183,7 +187,7 @@ def own_speeds(train: DriveTrain) -> list[float] | None:
     """The lowest and the highest speed, rpm, at which the scene gives a torque; None
     where none depends on it.
     """
-    speeds = connections.speeds(train)
+    speeds = excitation_speeds(train)
     speeds = speeds[speeds > 0.0]
     return sorted({float(speeds[0]), float(speeds[-1])}) if len(speeds) else None
 
@@ -364,7 +368,7 @@ def charges_of(
     rpm = np.array(speeds, dtype=float)
     loads = load_share(train.cylinders, rpm)
     charge, _ = charge_pressures(train.cylinders, rpm)
-    names = train.topology.cylinder_names
+    names = train.topology.cylinders.names
     return {
         names[i]: (loads[:, i].tolist(), (1e-5 * charge[:, k]).tolist())
         for k, i in enumerate(burning.seats)
@@ -384,7 +388,7 @@ def _charge_table(
     if all(constant):
         return []
     rows = [
-        [connections.names_of(names, range(len(names))), *load, *charge]
+        [names_of(names, range(len(names))), *load, *charge]
         for (load, charge), names in alike.items()
     ]
     title = (
@@ -436,7 +440,7 @@ def _counts(topology: Topology) -> str:
     """How many elements of each kind there are, in words."""
     numbers = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
     for kind in ("shaft", "mesh", "damper", "cylinder"):
-        numbers[kind] = len(getattr(topology, f"{kind}_names"))
+        numbers[kind] = len(topology.names_of(kind))
     texts = []
     for kind, number in numbers.items():
         if number:
@@ -456,18 +460,14 @@ def torque_rows(
     """
     topology = train.topology
     speeds = np.array([response.rpm for response in responses], dtype=float)
-    means = mean_torques(
-        train.torques, train.cylinders, topology.gas_cycles, speeds
-    ).T.tolist()
+    means = mean_torques(train, speeds).T.tolist()
     names = [
-        *topology.torque_names,
-        *topology.cylinder_names,
+        *(name for seats in topology.excitations for name in seats.names),
         *topology.load_names,
         *topology.ground_names,
     ]
     seats = [
-        *topology.torque_disk,
-        *topology.cylinder_disk,
+        *excited_disks(topology),
         *topology.load_disk,
         *topology.ground_disk,
     ]

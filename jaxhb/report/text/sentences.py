@@ -20,9 +20,9 @@ from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.record import Record
 from jaxhb.results.status import Homotopy, NewtonOnSweeps, Shooting, Status
 from jaxhb.steady.closure import SPREAD
+from jaxhb.train.checks.plausible import plausibility
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.firing import not_firing
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.omission import not_firing
 
 SOFT = 0.005  # approach speed of impacts, m/s, below which no teeth hammer
 LOST = 1e-3  # share of the power of the torques that may be lost without a note

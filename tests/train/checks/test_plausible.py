@@ -11,7 +11,7 @@ from trains import branched_parts, branched_thirty, build, gearbox_parts, pinion
 
 import jaxhb
 from jaxhb.scene.files import _folder, load_scene
-from jaxhb.train.plausible import plausibility
+from jaxhb.train.checks.plausible import plausibility
 
 ENGINE = "inline_four_timing_drive"
 TABLE = f"{ENGINE}_pressure.csv"

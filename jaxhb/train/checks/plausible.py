@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._jax import Number, on_host, refuse_tracers
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
 from jaxhb.elements.rules import RULES
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
-from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
+from jaxhb.excitation.mean_torques import gas_pressures
+from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
+from jaxhb.train.excitation import mean_torques, speeds as speeds_of
+from jaxhb.train.kinematics import tooth_damping_ratios
 
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
@@ -182,7 +185,7 @@ def _unusual(
 def _sizes(train: DriveTrain) -> Iterator[Note]:
     """Notes on fields of cylinders in other units; a field that is 0 is absent."""
     cylinders = train.cylinders
-    names = train.topology.cylinder_names
+    names = train.topology.cylinders.names
     for field in (
         "bore",
         "stroke",
@@ -205,7 +208,7 @@ def _sizes(train: DriveTrain) -> Iterator[Note]:
 def _masses(train: DriveTrain) -> Iterator[Note]:
     """Notes on reciprocating masses that are unusual for their bore."""
     cylinders = train.cylinders
-    for i, name in enumerate(train.topology.cylinder_names):
+    for i, name in enumerate(train.topology.cylinders.names):
         mass = cylinders.reciprocating_mass[i]
         bore = cylinders.bore[i]
         if not 0 < bore < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
@@ -241,26 +244,26 @@ def _pressures(train: DriveTrain) -> Iterator[Note]:
     cylinders = train.cylinders
     percent = _in_percent(train)
     for i, value in percent.items():
-        yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
+        yield from _unusual("cylinder", topology.cylinders.names[i], "load", value)
     # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which
     # torques have a point.
-    cycles = gas_pressures(cylinders, topology.gas_cycles, connections.speeds(train))
+    cycles = gas_pressures(cylinders, topology.cylinders, speeds_of(train))
     if not cycles.shape[-1]:
         return
     peaks = cycles.max(axis=(0, 2))
     least = cycles.min(axis=2).max(axis=0)
-    period = 360.0 * np.array(topology.cylinder_gas_revolutions)
+    period = 360.0 * np.array(topology.cylinders.revolutions)
     angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
     # In the second half of the cycle the next firing is nearer: angles before it are
     # negative.
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     compressing = compressors(train)
-    for i, name in enumerate(topology.cylinder_names):
+    for i, name in enumerate(topology.cylinders.names):
         peak = peaks[i]
         angle = angles[farthest[i], i]
-        source = topology.cylinder_source[i]
-        if source not in gas.COMPUTED:
+        source = topology.cylinders.source[i]
+        if source not in COMPUTED:
             continue
         if i not in percent and peak > 0:
             low, high, unit, question = USUAL["the largest pressure"]
@@ -292,7 +295,7 @@ def _pressures(train: DriveTrain) -> Iterator[Note]:
 def _charges(train: DriveTrain) -> Iterator[Note]:
     """Notes on charge pressures that follow the power because nothing else is known."""
     combustion = train.cylinders.combustion
-    speeds = connections.speeds(train)
+    speeds = speeds_of(train)
     speeds = speeds[speeds > 0.0]  # absent scales have a point at 0
     if combustion is None or not len(speeds):
         return
@@ -313,7 +316,7 @@ def _charges(train: DriveTrain) -> Iterator[Note]:
         text += f" (load {loads[slowest, i]:.3g}), {full:.4g} Pa at full load"
         text = _EXPONENT.sub(r"e\1", text)
         question = "give charge_over_load or charge_over_rpm where it is known"
-        yield "cylinder", train.topology.cylinder_names[i], f"{text}: {question}"
+        yield "cylinder", train.topology.cylinders.names[i], f"{text}: {question}"
 
 
 def compressors(train: DriveTrain) -> set[int]:
@@ -321,21 +324,21 @@ def compressors(train: DriveTrain) -> set[int]:
     centre.
     """
     topology = train.topology
-    speeds = connections.speeds(train)
-    one_revolution = np.array(topology.cylinder_gas_revolutions, dtype=int) == 1
+    speeds = speeds_of(train)
+    one_revolution = np.array(topology.cylinders.revolutions, dtype=int) == 1
     computed = np.array(
-        [source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool
+        [source in COMPUTED for source in topology.cylinders.source], dtype=bool
     )
     if not (one_revolution & computed).any():
         return set()
-    cycles = gas_pressures(train.cylinders, topology.gas_cycles, speeds)
+    cycles = gas_pressures(train.cylinders, topology.cylinders, speeds)
     angles = cycles.argmax(axis=2) * 360.0 / cycles.shape[-1]
     angles -= 360.0 * (angles > 180.0)
     peaks_before = (
         (angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])
     ).all(axis=0)
-    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
-    takes_power = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
+    means = mean_torques(train, speeds)
+    takes_power = (means[:, len(topology.torques.names) :] < 0.0).all(axis=0)
     return set(
         np.flatnonzero(one_revolution & computed & peaks_before & takes_power).tolist()
     )
@@ -346,15 +349,13 @@ def _firings(train: DriveTrain) -> Iterator[Note]:
     topology = train.topology
     factor = train.cylinders.gas_factor
     cranks: dict[tuple[int, float], list[tuple[float, str]]] = {}
-    for i, name in enumerate(topology.cylinder_names):
-        if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
-            computed = topology.cylinder_source[i] in gas.COMPUTED
-            gas_turns = (
-                topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
-            )
-            turns = gas_turns if computed else topology.cylinder_turn[i]
+    for i, name in enumerate(topology.cylinders.names):
+        if topology.cylinders.fires[i] and (factor is None or factor[i] > 0):
+            computed = topology.cylinders.source[i] in COMPUTED
+            gas_turns = topology.cylinders.revolutions[i] * topology.cylinders.every[i]
+            turns = gas_turns if computed else topology.cylinders.turn[i]
             crank = cranks.setdefault(
-                (topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), []
+                (topology.rotor[topology.cylinders.disk[i]], 360.0 * turns), []
             )
             crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
     for (_, cycle), firings in cranks.items():
@@ -381,17 +382,15 @@ def _firings(train: DriveTrain) -> Iterator[Note]:
 def _drives(train: DriveTrain) -> Iterator[Note]:
     """Notes on torques that drive though cylinders do."""
     topology = train.topology
-    if not any(topology.cylinder_fires):
+    if not any(topology.cylinders.fires):
         return
-    means = mean_torques(
-        train.torques, train.cylinders, topology.gas_cycles, connections.speeds(train)
-    )
-    count = len(topology.torque_names)
+    means = mean_torques(train, speeds_of(train))
+    count = len(topology.torques.names)
     # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:
         return
     for name, mean in zip(
-        topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True
+        topology.torques.names, means[:, :count].max(axis=0, initial=0.0), strict=True
     ):
         if mean > 0:
             question = "what takes power has a negative mean"
@@ -471,7 +470,7 @@ def _inertias(train: DriveTrain) -> Iterator[Note]:
     sizes = np.maximum(train.cylinders.bore, train.cylinders.stroke) / 2.0
     throws = {
         disk: size
-        for disk, size in zip(topology.cylinder_disk, sizes, strict=True)
+        for disk, size in zip(topology.cylinders.disk, sizes, strict=True)
         if size > 0.0
     }
     gears = {
@@ -558,17 +557,17 @@ def _links(train: DriveTrain) -> Iterator[Note]:
             yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", text)
     for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
         for name, value in zip(
-            getattr(topology, f"{table}_names"), links.loss_factor, strict=True
+            topology.names_of(table), links.loss_factor, strict=True
         ):
             yield from _unusual(table, name, "loss_factor", value)
         for name, value in zip(
-            getattr(topology, f"{table}_names"),
+            topology.names_of(table),
             _or_empty(links.power_limit),
             strict=False,
         ):
             if value > 0.0:
                 yield from _unusual(table, name, "power_limit", value)
-    throws = set(topology.cylinder_disk)
+    throws = set(topology.cylinders.disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if (
             strengths[i]

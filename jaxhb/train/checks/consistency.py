@@ -9,26 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from jaxhb.elements.checks import Parts
-from jaxhb.elements.elements import (
-    Combustion,
-    Cylinder,
-    Suggestions,
-    Torque,
-    shown,
-)
-from jaxhb.equations.kinematics import OF_PERIOD
-from jaxhb.excitation import gas
-from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
-from jaxhb.train import connections, tables
+from jaxhb.elements.elements import OF_PERIOD
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import Suggestions, shown
+from jaxhb.elements.values import whole
+from jaxhb.train import connections
 from jaxhb.train.connections import members_of, names_of, pieces
+from jaxhb.train.excitation import on_disks
 
-# Distance from a whole number, in harmonics of the cycle, up to which an order fits
-WHOLE = 1e-6
 # Share by which the ratio of radii may miss that of the teeth, which then counts
 TEETH_TOLERANCE = 1e-3
 BALANCE_TOLERANCE = 1e-9
@@ -149,11 +143,6 @@ def loop_errors(
     ]
 
 
-def whole(number: float) -> bool:
-    """Tell whether a number is whole to 1e-6."""
-    return math.isfinite(number) and abs(number - round(number)) <= WHOLE
-
-
 def cycle_errors(
     parts: Parts, needs: Sequence[tuple[str, int, str, float, str]], revolutions: float
 ) -> list[str]:
@@ -210,14 +199,16 @@ def phase_errors(parts: Parts, ratio: Sequence[float | None]) -> list[str]:
     speeds.
     """
     errors = []
-    names = {
-        table: [name for name in parts.names[table] if isinstance(name, str)]
-        for table in ("cylinder", "torque")
-    }
-    engines = sorted({name.rpartition(" ")[0] for name in names["cylinder"]} - {""})
-    groups = dict.fromkeys([*names["cylinder"], *names["torque"], *engines])
+    names: list[str] = []
+    engines: set[str] = set()
+    for table in reversed(EXCITATIONS):
+        own_names = [name for name in parts.names[table] if isinstance(name, str)]
+        names += own_names
+        if EXCITATIONS[table].of_engines:
+            engines |= {name.rpartition(" ")[0] for name in own_names} - {""}
+    groups = dict.fromkeys([*names, *sorted(engines)])
     near = Suggestions(groups)
-    seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
+    seats = {table: dict(parts.seats(table)) for table in EXCITATIONS}
     for i, phase in enumerate(parts.tables["phase"]):
         members = phase.of if isinstance(phase.of, tuple | list) else []
         errors += [
@@ -264,90 +255,53 @@ def inertia_errors(parts: Parts) -> list[str]:
     ]
 
 
-def _mean_fields(element: Torque | Cylinder) -> tuple[str, ...]:
-    """Fields that decide the mean torque of a given torque or a cylinder."""
-    if isinstance(element, Torque):
-        return ("mean", "scale", "rated_rpm", "speed_exponent")
-    of_pressure = (*gas.COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
-    return (
-        "fires",
-        "scale",
-        "fires_every",
-        "gas_factor",
-        "injection",
-        "gas_torque_mean",
-        *(of_pressure if gas.source(element) else ()),
-    )
-
-
 def _mean_known(parts: Parts, table: str, i: int) -> bool:
     """Whether the mean torque of an element can be computed."""
-    return parts.usable(table, i, *_mean_fields(parts.tables[table][i]))
+    fields = EXCITATIONS[table].mean_fields(parts.tables[table][i])
+    return parts.usable(table, i, *fields)
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
-    """Mean torque of all torques and cylinders on each disk, where known, N m [speeds,
+    """Mean torque of all excitations on each disk, where known, N m [speeds,
     n_disks].
     """
-    seats = []
-    sound_elements = {}
-    for table in ("torque", "cylinder"):
+    all_disks: list[int] = []
+    all_means = []
+    for table, kind in EXCITATIONS.items():
         sound_seats = [
             (parts.tables[table][i], disk)
             for i, disk in parts.seats(table)
             if _mean_known(parts, table, i)
         ]
-        seats += [disk for _, disk in sound_seats]
         # Copies of the fields that decide the mean: other fields may be faulty.
-        sound_elements[table] = [
+        sound_elements = [
             type(element)(
                 disk="",
-                **{name: getattr(element, name) for name in _mean_fields(element)},
+                **{name: getattr(element, name) for name in kind.mean_fields(element)},
             )
             for element, _ in sound_seats
         ]
-    cylinders = sound_elements["cylinder"]
-    cycles = gas.GasCycles(
-        source=tuple(gas.source_word(cylinder) for cylinder in cylinders),
-        fires=tuple(cylinder.fires for cylinder in cylinders),
-        cut_off=(False,) * len(cylinders),
-        revolutions=tuple(map(gas.gas_revolutions, cylinders)),
-        every=tuple(int(cylinder.fires_every) for cylinder in cylinders),
-    )
-    torque_table = tables.torque_table(sound_elements["torque"])
-    cylinder_table = tables.cylinder_table(cylinders)
-    means = mean_torques_at(torque_table, cylinder_table, cycles, np.asarray(speeds))
-    return connections.on_disks(len(parts.disk_names), seats, means)
+        disks = [disk for _, disk in sound_seats]
+        ones = [1.0] * len(disks)
+        seats = kind.seats(sound_elements, [""] * len(disks), disks, ones, 1.0)
+        means = kind.means(kind.numbers(sound_elements), seats, np.asarray(speeds))
+        all_disks += disks
+        all_means.append(means)
+    total = np.concatenate(all_means, axis=-1)
+    return on_disks(len(parts.disk_names), all_disks, total)
 
 
 def scale_speeds(parts: Parts) -> list[float]:
     """Speeds (rpm) at which a scale, a load or traces have a point, or a torque its
     rated speed.
     """
-    speeds = set()
-    for table in ("torque", "cylinder"):
-        for i, element in enumerate(parts.tables[table]):
-            names = [
-                name
-                for name in ("scale", "load", "traces", "rated_rpm")
-                if parts.usable(table, i, name)
-            ]
-            sound_fields: dict[str, Any] = {
-                name: getattr(element, name, None) for name in names
-            }
-            speeds |= {
-                float(row[0])
-                for name in ("scale", "load")
-                for row in sound_fields.get(name) or ()
-            }
-            speeds |= {float(trace.rpm) for trace in sound_fields.get("traces") or ()}
-            if parts.usable(table, i, "combustion") and isinstance(
-                getattr(element, "combustion", None), Combustion
-            ):
-                speeds |= {float(row[0]) for row in element.combustion.charge_over_rpm}
-            if sound_fields.get("rated_rpm") is not None:
-                speeds.add(float(sound_fields["rated_rpm"]))
+    speeds = {
+        speed
+        for table, kind in EXCITATIONS.items()
+        for i, element in enumerate(parts.tables[table])
+        for speed in kind.written_speeds(element, partial(parts.usable, table, i))
+    }
     return sorted(speeds) or [0.0]
 
 
@@ -388,7 +342,7 @@ def balance_errors(parts: Parts, ratio: Sequence[float | None]) -> list[str]:
     """
     if parts.tables["ground"] or parts.tables["load"] or not parts.complete:
         return []
-    for table in ("torque", "cylinder"):
+    for table in EXCITATIONS:
         count = len(parts.tables[table])
         if len(parts.seats(table)) < count or not all(
             _mean_known(parts, table, i) for i in range(count)

@@ -8,19 +8,22 @@ import pytest
 from built_trains import pair
 from reference_data import reference
 
-from jaxhb.elements.elements import Cylinder, Disk, Load, Mesh, Torque
+from jaxhb.elements.elements import Disk, Load, Mesh
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.equations import fourier
 from jaxhb.excitation.crank import gas_torque, inertia_torque, slider_crank
 from jaxhb.excitation.gas import gas_cycle
-from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.excitation.torques import (
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
+from jaxhb.train.excitation import (
     excitation,
     highest_harmonic,
     listed_harmonic,
     load_power_kW,
+    mean_torques,
 )
-from jaxhb.scene.files import load_scene
-from jaxhb.train.assembly import build
+from jaxhb.train.tables import with_table
 
 TRACE = [(0.0, 1e5), (300.0, 2e6), (370.0, 1e7), (500.0, 4e5), (720.0, 1e5)]
 
@@ -128,7 +131,7 @@ def test_a_two_stroke_table_repeats_every_revolution():
     assert torque[0] > 1.0
     assert np.all(torque[1::2] == 0.0)
     assert np.all(torque[2::2] > 0.0)
-    assert train.topology.cylinder_step == (2,)
+    assert train.topology.cylinders.step == (2,)
 
 
 def test_table_firing_tdc_turns_the_trace():
@@ -174,9 +177,7 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
         cylinder("idle", gas_torque_mean=50.0, fires=False),
     )
     speeds = np.array([800.0, 1700.0])
-    means = mean_torques(
-        train.torques, train.cylinders, train.topology.gas_cycles, speeds
-    )
+    means = mean_torques(train, speeds)
     assert isinstance(means, np.ndarray)
     assert means.shape == (2, 4)
     np.testing.assert_allclose(
@@ -201,7 +202,7 @@ def test_orders_of_an_own_rotor_are_led_to_the_reference():
     train = build(
         [*GEARS, Load(disk="a"), source], reference="a", revolutions_per_cycle=2
     )
-    assert train.topology.torque_harmonics == ((3,),)
+    assert train.topology.torques.harmonics == ((3,),)
     torque, load, _ = excitation(train, 600.0, 4)
     assert torque[1, 3] == 0.5
     np.testing.assert_allclose(load, [-4.0])
@@ -265,7 +266,7 @@ def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to(
 
     def with_stroke(values):
         cylinders = dataclasses.replace(train.cylinders, stroke=values)
-        changed = dataclasses.replace(train, cylinders=cylinders)
+        changed = with_table(train, "cylinder", cylinders)
         return changed, excitation(changed, 1800.0, 24)[0]
 
     changed, before = with_stroke(stroke)
@@ -282,7 +283,7 @@ def test_an_excitation_is_kept_for_its_numbers_alone():
     train = load_scene("gear_train_30")
     amplitudes = np.array(train.torques.harmonics)
     torques = dataclasses.replace(train.torques, harmonics=amplitudes)
-    writable = dataclasses.replace(train, torques=torques)
+    writable = with_table(train, "torque", torques)
     first, load, _ = excitation(writable, 1800.0, 24)
     assert excitation(train, 1800, 24)[0] is first
     assert not (first.flags.writeable or load.flags.writeable)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.elements.elements import Cylinder, Damper, Disk, Load, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Load, Mesh, Shaft
+from jaxhb.elements.excitations.crank_slider import Cylinder
+from jaxhb.elements.excitations.torque import Torque
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.text.scene_check import scene_notes
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.train.assembly import build
-from jaxhb.train.plausible import compressors, plausibility
+from jaxhb.train.checks.plausible import compressors, plausibility
 
 SHAFTED = [name for name in scene_names() if load_scene(name).topology.shaft_names]
 

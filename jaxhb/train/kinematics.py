@@ -5,24 +5,16 @@ disks, and both referred to the reference rotor.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxhb._jax import Array, namespace
 from jaxhb._shown import brief
-
-if TYPE_CHECKING:
-    from jaxhb.train.drivetrain import DriveTrain
-
-OF_PERIOD = ("stiffness_orders", "transmission_error")
-OF_GEARS = ("first_gear_error", "second_gear_error")
-"""Names of the rows of a mesh by orders of its mesh period, and by orders of the
-revolutions of its first and of its second gear.
-"""
+from jaxhb.train.tables import TrainArrays
+from jaxhb.train.topology import Topology
 
 
-def speed_ratios(train: DriveTrain) -> Array:
+def speed_ratios(train: TrainArrays) -> Array:
     """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the
     pitch radii: r_a Omega_a = r_b Omega_b; positive, as each rotor has a sense of its
     own.
@@ -30,7 +22,7 @@ def speed_ratios(train: DriveTrain) -> Array:
     return rotor_ratios(train.topology, train.disks.radius)
 
 
-def rotor_ratios(topology, radius: Array) -> Array:
+def rotor_ratios(topology: Topology, radius: Array) -> Array:
     """Speed ratios ``(..., n_rotors)`` as :func:`speed_ratios`, of a topology with
     pitch radii ``(..., S)`` m.
     """
@@ -48,7 +40,7 @@ def rotor_ratios(topology, radius: Array) -> Array:
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
-def displacement_radii(train: DriveTrain) -> Array:
+def displacement_radii(train: TrainArrays) -> Array:
     """Radius R ``(S,)`` m of every disk's rotor, x = R phi."""
     xp = namespace(train.disks.radius)
     topology = train.topology
@@ -61,13 +53,13 @@ def displacement_radii(train: DriveTrain) -> Array:
     return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
 
 
-def inertias(train: DriveTrain) -> Array:
+def inertias(train: TrainArrays) -> Array:
     """Inertia ``[n_disks]`` kg m2 of every disk, the rings of the dampers last."""
     parts = (train.disks.inertia, train.dampers.inertia)
     return namespace(parts).concatenate(parts)
 
 
-def tooth_damping_ratios(train: DriveTrain) -> Array:
+def tooth_damping_ratios(train: TrainArrays) -> Array:
     """Damping ratio ``[n_meshes]`` of the teeth of every mesh in contact, of its two
     gears alone, ``r / (2 sqrt(c m))``; nan where a gear has no inertia. The train may
     be traced.
@@ -140,7 +132,7 @@ class Referred:
     order_referred: Array
 
 
-def referred(train: DriveTrain) -> Referred:
+def referred(train: TrainArrays) -> Referred:
     """Inertias, stiffnesses and dampings as they are and referred to the reference
     rotor, ``J i^2``, ``k i^2``; the train may be traced.
 

@@ -1,0 +1,176 @@
+"""Torques that a scene gives: a mean and harmonics, times a scale over the speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxhb._jax import Array, Number, namespace
+from jaxhb.elements.columns import collected, column, scales
+from jaxhb.elements.declared import (
+    HARMONICS,
+    SCALE,
+    choice,
+    declared,
+    not_negative,
+    positive,
+    quantity,
+    rows,
+)
+from jaxhb.elements.excitations.kind import (
+    Excitation,
+    Need,
+    Seats,
+    Usable,
+)
+from jaxhb.elements.values import sound_orders
+from jaxhb.excitation.mean_torques import scale_at
+from jaxhb.excitation.orders import add_listed, coefficients, harmonics_of, highest_rows
+from jaxhb.excitation.tables import table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torque:
+    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times
+    ``scale`` over rpm.
+
+    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm /
+    rated_rpm)^speed_exponent, 2 unless given: the law of propellers, fans and inertia
+    torques.
+    """
+
+    disk: str = declared("disk")
+    mean: float = quantity("N m", 0.0)
+    harmonics: tuple = rows(HARMONICS)
+    orders_of: str = choice("reference", "own")
+    scale: tuple = rows(SCALE)
+    rated_rpm: float | None = positive("rpm", None)
+    speed_exponent: float | None = not_negative("", None)
+    name: str | None = declared("name", None)
+
+
+@table
+class Torques:
+    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale
+    over rpm [nt, L].
+
+    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
+    no torque has a rated speed.
+    """
+
+    mean: Any
+    harmonics: Any
+    scale_rpm: Any
+    scale_factor: Any
+    rated_rpm: Any = None
+    speed_exponent: Any = None
+
+
+def factor_at(torques: Torques, rpm: Number) -> Array:
+    """Factor of each torque at ``rpm`` [..., n]: its scale, times the power of the
+    speed of those with a rated speed.
+    """
+    factor = scale_at(torques, rpm)
+    if torques.rated_rpm is None:
+        return factor
+    xp = namespace(torques, rpm)
+    # 1 where there is none: a power of infinity would be nan in derivatives.
+    rated = xp.where(torques.rated_rpm > 0.0, torques.rated_rpm, 1.0)
+    power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** torques.speed_exponent
+    return factor * xp.where(torques.rated_rpm > 0.0, power, 1.0)
+
+
+class TorqueKind(Excitation):
+    """``[[torque]]``."""
+
+    element = Torque
+    doubtful = "speed_exponent"
+    no_mean = ("harmonics",)
+    order_rows = "harmonics"
+
+    def errors(self, element: Torque) -> list[str]:
+        if element.speed_exponent is not None and element.rated_rpm is None:
+            return [
+                "speed_exponent is given without rated_rpm. Give the speed at which the"
+                " torque has this size."
+            ]
+        return []
+
+    def mean_fields(self, element: Torque) -> tuple[str, ...]:
+        return ("mean", "scale", "rated_rpm", "speed_exponent")
+
+    def written_speeds(self, element: Torque, usable: Usable) -> Iterator[float]:
+        if usable("scale"):
+            yield from (float(row[0]) for row in element.scale or ())
+        if usable("rated_rpm") and element.rated_rpm is not None:
+            yield float(element.rated_rpm)
+
+    def needs(
+        self, element: Torque, ratio: float | None, usable: Usable
+    ) -> Iterator[Need]:
+        factor = ratio if element.orders_of == "own" else 1.0
+        if usable("orders_of") and factor is not None:
+            for order in sound_orders(element.harmonics):
+                yield f"order {order:g}", order * factor, "mean"
+
+    def seats(
+        self,
+        elements: Sequence[Torque],
+        names: Sequence[str],
+        disks: Sequence[int],
+        ratios: Sequence[float],
+        cycle: float,
+    ) -> Seats:
+        own = tuple(torque.orders_of == "own" for torque in elements)
+        turns = [
+            (ratio if is_own else 1.0) * cycle
+            for is_own, ratio in zip(own, ratios, strict=True)
+        ]
+        return Seats(
+            names=tuple(names),
+            disk=tuple(disks),
+            own=own,
+            harmonics=harmonics_of([torque.harmonics for torque in elements], turns),
+        )
+
+    def numbers(self, elements: Sequence[Torque]) -> Torques:
+        rated = any(torque.rated_rpm is not None for torque in elements)
+        exponent = column(elements, "speed_exponent", absent=2.0) if rated else None
+        return collected(
+            Torques, Torque, elements, scales(elements) | {"speed_exponent": exponent}
+        )
+
+    def speeds(self, numbers: Torques) -> list[Array]:
+        rated = [] if numbers.rated_rpm is None else [numbers.rated_rpm]
+        return [numbers.scale_rpm, *rated]
+
+    def rated_speeds(self, numbers: Torques) -> Array:
+        return np.zeros(0) if numbers.rated_rpm is None else numbers.rated_rpm
+
+    def means(self, numbers: Torques, seats: Seats, rpm: Number) -> Array:
+        return factor_at(numbers, rpm) * numbers.mean
+
+    def add_harmonics(
+        self,
+        torque: Array,
+        numbers: Torques,
+        seats: Seats,
+        rpm: Array,
+        ratios: Array,
+        turned: Callable[[np.ndarray, np.ndarray], Number],
+    ) -> Array:
+        factor = factor_at(numbers, rpm)
+
+        def values(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
+            return factor[..., i] * coefficients(numbers.harmonics, i, k) * turned(i, n)
+
+        return add_listed(torque, seats.disk, seats.harmonics, values)
+
+    def highest(self, numbers: Torques, seats: Seats) -> list[int]:
+        return highest_rows(seats.harmonics, numbers.harmonics)
+
+
+EXCITATION = TorqueKind()
