@@ -1,0 +1,144 @@
+"""Commands run in the process of a test, and golden files of what they print.
+
+``completed.check_printed("name")`` compares with ``tests/data/printed/name.txt``;
+``JAXHB_RENEW_PRINTED=1 python -m pytest ...`` writes these files anew.
+"""
+
+import contextlib
+import csv
+import difflib
+import io
+import json
+import os
+import re
+import shlex
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from reference_data import DATA
+
+from jaxhb.cli import progress
+from jaxhb.cli.main import main
+
+GOLDEN = DATA / "printed"
+ENDS = {"plot": "png", "netcdf": "nc", "trace": "trace.csv"}
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
+SECONDS = re.compile(r"\b\d+ s\b")
+ROUNDING = 1e-6
+HAMMERING = 0.02
+"""Share by which a number may differ between machines; where teeth hammer, processors
+that round otherwise come to motions whose times in the gap differ by so much.
+"""
+# Residuals are what rounding leaves
+NOTHING = 1e-8
+
+
+@dataclass(frozen=True)
+class Completed:
+    """A command that has run; files that it wrote lie in ``folder`` under the name of
+    their option.
+    """
+
+    line: str
+    status: int
+    out: str
+    err: str
+    folder: Path
+
+    def path(self, option):
+        return self.folder / f"{option}.{ENDS.get(option, option)}"
+
+    @property
+    def json(self):
+        """The JSON as a strict reader takes it: no NaN, no Infinity."""
+
+        def refuse(word):
+            raise ValueError(f"{word} is no JSON")
+
+        text = self.path("json").read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=refuse)
+
+    @property
+    def rows(self):
+        with self.path("csv").open(encoding="utf-8", newline="") as text:
+            return list(csv.DictReader(text))
+
+    @property
+    def is_drawn(self):
+        return self.path("plot").read_bytes().startswith(b"\x89PNG")
+
+    @property
+    def words(self):
+        """The output on one line."""
+        return " ".join(self.out.split())
+
+    @property
+    def transcript(self):
+        """The command, its output and errors, without what differs between runs."""
+        text = f"$ jaxhb {self.line}\n{self.out}"
+        if self.status or self.err:
+            text += f"\nexit status {self.status}\n{self.err}"
+        text = text.replace(str(self.folder), "FOLDER").replace(str(DATA), "DATA")
+        return SECONDS.sub("? s", text)
+
+    def check_printed(self, name, share=ROUNDING):
+        """Compares with a golden file; numbers may differ by a share and by rounding
+        of their last digit.
+        """
+        path = GOLDEN / f"{name}.txt"
+        if "JAXHB_RENEW_PRINTED" in os.environ:
+            path.write_text(self.transcript, encoding="utf-8")
+        expected = path.read_text(encoding="utf-8").splitlines()
+        lines = self.transcript.splitlines()
+        alike = len(lines) == len(expected) and all(
+            reads_alike(before, after, share)
+            for before, after in zip(expected, lines, strict=True)
+        )
+        assert alike, "\n".join(difflib.ndiff(expected, lines))
+
+
+def tolerance_of(number, share):
+    """Tolerance of a printed number: a unit of its last digit, but for counts, and a
+    share.
+    """
+    digits, _, exponent = number.partition("e")
+    decimals = len(digits.partition(".")[2])
+    is_count = number.isdigit() and len(number) == 1
+    last_digit = 0.0 if is_count else 10.0 ** (int(exponent or 0) - decimals)
+    return 1.001 * last_digit + share * abs(float(number)) + NOTHING
+
+
+def reads_alike(before, after, share):
+    """Whether two lines have the same words, and the same numbers but for rounding."""
+    words, others = (NUMBER.sub("#", line).split() for line in (before, after))
+    if words != others:
+        return False
+    pairs = zip(NUMBER.findall(before), NUMBER.findall(after), strict=True)
+    return all(
+        abs(float(number) - float(other)) <= tolerance_of(number, share)
+        for number, other in pairs
+    )
+
+
+def run_command(folder, line, *options):
+    """Run a command as it is typed, with a file for each of these options."""
+    completed = Completed(line, 0, "", "", folder)
+    words = shlex.split(line)
+    for option in options:
+        words += [f"--{option}", str(completed.path(option))]
+    out = io.TextIOWrapper(io.BytesIO(), "utf-8", newline="")
+    err = io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        # Lines on the progress depend on how fast the machine is; tests of them ask for
+        # them.
+        patch.setattr(progress, "LOGGED", threading.TIMEOUT_MAX)
+        status = main(words)
+    out.flush()
+    text = out.buffer.getvalue().decode()
+    return Completed(line, status, text, err.getvalue(), folder)
