@@ -32,7 +32,7 @@ HAMMERING = 0.02
 that round otherwise come to motions whose times in the gap differ by so much.
 """
 # Residuals are what rounding leaves
-NOTHING = 1e-8
+NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
