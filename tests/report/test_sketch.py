@@ -8,7 +8,6 @@ from reference_data import DATA
 from trains import build, gearbox_parts
 
 import jaxhb
-from jaxhb.cli.main import main
 from jaxhb.report.figures.layout import Layout, disk_radii
 from jaxhb.report.figures.sketch import plot_train
 
@@ -97,19 +96,20 @@ def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
 
 
 def test_scene_draws_the_train_prints_it_on_request_and_refuses_401_disks(
-    tmp_path, capsys
+    tmp_path, run
 ):
-    picture = tmp_path / "train.png"
-    assert main(["scene", "spur_pair", "--plot", str(picture)]) == 0
-    assert capsys.readouterr().out == f"{picture} is written.\n"
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(["scene", "spur_pair", "--plot", str(picture), "--expand"]) == 0
-    assert "[[mesh]]" in capsys.readouterr().out
+    completed = run("scene spur_pair", "plot")
+    assert completed.out == f"{completed.path('plot')} is written.\n"
+    assert completed.is_drawn
+    completed = run("scene spur_pair --expand", "plot")
+    assert completed.status == 0
+    assert "[[mesh]]" in completed.out
     rows = "".join(f"d{i},1\n" for i in range(401))
     links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
     long = tmp_path / "long.csv"
     long.write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
-    unreadable = tmp_path / "long.png"
-    assert main(["scene", str(long), "--plot", str(unreadable)]) == 2
-    assert "401 disks" in capsys.readouterr().err
-    assert not unreadable.exists()
+    completed.path("plot").unlink()
+    completed = run(f"scene {long}", "plot")
+    assert completed.status == 2
+    assert "401 disks" in completed.err
+    assert not completed.path("plot").exists()
