@@ -71,10 +71,11 @@ def run_once(tmp_path_factory):
     """Runs a command on packaged scenes, once for all tests with the same files."""
     completed = {}
 
-    def once(line, *options):
+    def once(line, *options, status=0):
         if (line, options) not in completed:
             folder = tmp_path_factory.mktemp("once")
-            completed[line, options] = run_command(folder, line, *options)
+            command = run_command(folder, line, *options, status=status)
+            completed[line, options] = command
         return completed[line, options]
 
     return once

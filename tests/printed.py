@@ -48,7 +48,7 @@ class Completed:
     folder: Path
 
     def path(self, option):
-        return self.folder / f"{option}.{ENDS.get(option, option)}"
+        return path_of(self.folder, option)
 
     @property
     def json(self):
@@ -64,10 +64,6 @@ class Completed:
     def rows(self):
         with self.path("csv").open(encoding="utf-8", newline="") as text:
             return list(csv.DictReader(text))
-
-    @property
-    def is_drawn(self):
-        return self.path("plot").read_bytes().startswith(b"\x89PNG")
 
     @property
     def words(self):
@@ -122,12 +118,18 @@ def reads_alike(before, after, share):
     )
 
 
-def run_command(folder, line, *options):
-    """Run a command as it is typed, with a file for each of these options."""
-    completed = Completed(line, 0, "", "", folder)
+def path_of(folder, option):
+    """File that an option is to write."""
+    return folder / f"{option}.{ENDS.get(option, option)}"
+
+
+def run_command(folder, line, *options, status=0):
+    """Run a command as it is typed, with a file for each of these options; checks its
+    exit status, and that pictures are PNG files.
+    """
     words = shlex.split(line)
     for option in options:
-        words += [f"--{option}", str(completed.path(option))]
+        words += [f"--{option}", str(path_of(folder, option))]
     out = io.TextIOWrapper(io.BytesIO(), "utf-8", newline="")
     err = io.StringIO()
     with (
@@ -138,7 +140,11 @@ def run_command(folder, line, *options):
         # Lines on the progress depend on how fast the machine is; tests of them ask for
         # them.
         patch.setattr(progress, "LOGGED", threading.TIMEOUT_MAX)
-        status = main(words)
+        assert main(words) == status, err.getvalue()
+    if "plot" in options and status == 0:
+        pictures = [path.read_bytes() for path in folder.glob("plot*.png")]
+        assert pictures
+        assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     out.flush()
     text = out.buffer.getvalue().decode()
     return Completed(line, status, text, err.getvalue(), folder)

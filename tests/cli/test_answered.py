@@ -63,11 +63,11 @@ def test_a_motion_known_from_recorded_cycles_is_an_answer(
         "jaxhb.report.compute.steady_state", partial(jaxhb.steady_state, exact=False)
     )
     completed = run(f"{command} spur_pair --rpm 5000", "json", "csv")
-    assert (completed.status, completed.err) == (0, "")
+    assert completed.err == ""
     record = record_of(completed)
     (row,) = completed.rows
     assert record["motion"]["kind"] == "periodic"
-    assert record["converged"] is record["status"] is None
+    assert record == record | {"converged": None, "status": None}
     largest = float(solved.force(MESH).max)
     # A record is good for as much.
     assert record["meshes"][MESH]["max"] == pytest.approx(largest, rel=0.01)
@@ -79,12 +79,10 @@ def test_a_motion_known_from_recorded_cycles_is_an_answer(
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, run_once):
     line = f"{command} spur_pair --rpm 5000 --harmonics 16 --tolerance 1e-12"
-    completed = run_once(line, "json")
-    assert completed.status == 1
+    completed = run_once(line, "json", status=1)
     assert "TOLERANCE_NOT_MET" in completed.err
     record = record_of(completed)
-    assert record["converged"] is False
-    assert record["status"] == "TOLERANCE_NOT_MET"
+    assert record == record | {"converged": False, "status": "TOLERANCE_NOT_MET"}
 
 
 def test_only_what_is_unknown_or_beyond_its_limits_has_no_answer(solved, unsure):

@@ -31,7 +31,6 @@ def test_the_table_and_the_files_hold_sixty_times_hz_over_the_order_by_rising_sp
     assert (record["rpm"][0], record["rpm"][-1]) == (1000.0, 2600.0)
     assert [m["kind"] for m in record["modes"]] == ["rigid"] + ["elastic"] * 6
     assert [float(row["rpm"]) for row in completed.rows] == [row[0] for row in speeds]
-    assert completed.is_drawn
 
 
 def test_orders_are_those_of_the_torques_and_links_that_vary_must_be_made_constant(
@@ -39,7 +38,7 @@ def test_orders_are_those_of_the_torques_and_links_that_vary_must_be_made_consta
 ):
     (tmp_path / "p.toml").write_text(PENDULUM)
     line = f"campbell {tmp_path / 'p.toml'} --rpm 600:4000:9"
-    run(line).check_printed("campbell_links_vary")
+    run(line, status=2).check_printed("campbell_links_vary")
     completed = run(f"{line} --links-at hz=50")
     completed.check_printed("campbell_links_at_50_hz")
     # sqrt(4e5 / 3) / 2 pi, times 60 / 3

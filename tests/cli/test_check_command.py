@@ -55,8 +55,9 @@ def test_nothing_is_overwritten(here, run):
     files = here / "mine.toml", here / "spur_pair_omega_squared.csv"
     for file in files:
         file.write_text("mine")
-    run("new mine.toml").check_printed("new_over_a_scene")
-    run("new other.toml --from spur_pair").check_printed("new_over_a_table")
+    run("new mine.toml", status=2).check_printed("new_over_a_scene")
+    refused = run("new other.toml --from spur_pair", status=2)
+    refused.check_printed("new_over_a_table")
     contents = {path: path.read_text() for path in here.iterdir()}
     assert contents == dict.fromkeys(files, "mine")
 
@@ -72,8 +73,7 @@ def test_check_tells_torques_tooth_forces_and_damping(run):
     completed.check_printed("check_engine")
     record = completed.json
     train = jaxhb.load_scene(ENGINE)
-    assert record["notes"] == []
-    assert record["scene"] == ENGINE
+    assert record == record | {"notes": [], "scene": ENGINE}
     assert record["mean_torque_Nm"]["pump plungers"] == [-20.0]
     # Statics: the pump and the camshaft turn at half speed, the load takes what is left
     # of the gas torque.

@@ -33,18 +33,19 @@ def completed(run_once):
 def test_the_json_holds_every_element_in_full_precision(completed, response):
     record = completed.json
     topology = response.topology
-    assert list(record["disks"]) == list(topology.disk_names)
-    assert list(record["shafts"]) == [*topology.shaft_names, *topology.damper_names]
-    assert list(record["meshes"]) == list(topology.mesh_names)
-    assert record["rpm"] == response.rpm.tolist()
-    assert record["status"] == ["CONVERGED"] * 5
-    assert record["orders"] == [k / 2 for k in range(1, 25)]
-    assert record["input_power_W"] == response.input_power.tolist()
-    powers = [
-        element["power_W"]
-        for kind in ("disks", "shafts", "meshes")
-        for element in record[kind].values()
+    kinds = ("disks", "shafts", "meshes")
+    assert [tuple(record[kind]) for kind in kinds] == [
+        topology.disk_names,
+        topology.shaft_names + topology.damper_names,
+        topology.mesh_names,
     ]
+    assert record == record | {
+        "rpm": response.rpm.tolist(),
+        "status": ["CONVERGED"] * 5,
+        "orders": [k / 2 for k in range(1, 25)],
+        "input_power_W": response.input_power.tolist(),
+    }
+    powers = [element["power_W"] for kind in kinds for element in record[kind].values()]
     heat = np.sum(powers, axis=0)
     np.testing.assert_allclose(heat, record["input_power_W"], rtol=1e-10)
 
@@ -58,14 +59,13 @@ def test_the_json_holds_what_a_signal_has(completed, response, kind, name):
     read = {"shafts": response.torque, "meshes": response.force, "disks": response.disk}
     signal = read[kind](name)
     element = completed.json[kind][name]
-    for quantity in (
-        "half_peak_to_peak",
-        "sum_of_amplitudes",
-        "amplitudes",
-        "phases_deg",
-        "mean",
-    ):
-        assert element[quantity] == getattr(signal, quantity).tolist()
+    assert element == element | {
+        "half_peak_to_peak": signal.half_peak_to_peak.tolist(),
+        "sum_of_amplitudes": signal.sum_of_amplitudes.tolist(),
+        "amplitudes": signal.amplitudes.tolist(),
+        "phases_deg": signal.phases_deg.tolist(),
+        "mean": signal.mean.tolist(),
+    }
     assert ("elastic" in element) == (kind != "disks")
 
 
@@ -88,7 +88,6 @@ def test_the_csv_has_one_row_for_each_speed_and_heads_of_its_own(completed, resp
 def test_the_picture_shows_the_hardest_shaft_and_mesh_or_those_asked_for(
     completed, response
 ):
-    assert completed.is_drawn
     assert len(plot_forced({"": response}, readings(response)).axes) == 2
     figure = plot_forced({"": response}, readings(response, [SHAFT, "flywheel", MESH]))
     swings = (
@@ -166,23 +165,21 @@ def test_a_scenario_is_taken_and_noted(soft, run, scenario, options, stiffness):
 
 def test_a_resonance_without_damping_exits_1_with_its_speed(soft, run):
     line = f"forced {soft} --rpm 50,{RESONANCE!r} --element coupling"
-    completed = run(line, "json", "csv")
+    completed = run(line, "json", "csv", status=1)
     completed.check_printed("forced_resonance")
     coupling = completed.json["shafts"]["coupling"]
     amplitudes, at_resonance = coupling["amplitudes"]
     assert amplitudes[0] > 0
     assert at_resonance == [None] * len(amplitudes)
-    assert coupling["half_peak_to_peak"][1] is None
-    assert coupling["power_W"][1] is None
+    assert coupling["half_peak_to_peak"][1] is coupling["power_W"][1] is None
 
 
 @pytest.mark.parametrize("command", ["modes", "solve --rpm 50", "sweep --rpm 50,60"])
 def test_other_commands_refuse_links_that_vary_by_name(soft, command, run):
-    completed = run(f"{command} {soft}")
-    assert completed.status == 2
+    completed = run(f"{command} {soft}", status=2)
     sentence = "soft: 'coupling' has over_hz, which only the forced response takes"
     assert sentence in completed.err
-    assert run(f"{command} {soft} --links-at hz=50").status == 0
+    run(f"{command} {soft} --links-at hz=50")
 
 
 DIESEL = "forced six_cylinder_diesel"
@@ -221,8 +218,10 @@ def test_the_worst_of_all_misfires_is_that_of_python(run_once):
         for name in train.topology.shaft_names
     }
     hardest = record["worst_misfire"]
-    assert hardest["of"] == max(values, key=values.get)
-    assert hardest["value"] == max(values.values())
+    assert hardest == hardest | {
+        "of": max(values, key=values.get),
+        "value": max(values.values()),
+    }
     sentence = (
         f"The worst misfire is that of {hardest['cylinder']}: torque of"
         f" {hardest['value']:.4g} N m"
@@ -237,7 +236,6 @@ def test_the_worst_of_all_misfires_is_that_of_python(run_once):
     assert [row["misfire"] for row in rows[::4]] == ["", *cylinders]
     cells = [float(row[f"{NAMED} half peak-to-peak N m"]) for row in rows[8:12]]
     assert cells == swing
-    assert completed.is_drawn
 
 
 @pytest.mark.slow
@@ -267,11 +265,11 @@ def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, run):
     ]
     (tmp_path / "free.toml").write_text(jaxhb.elements_text(parts, name="free"))
     line = f"forced {tmp_path / 'free.toml'} --misfire each --rpm"
-    completed = run(f"{line} 50,{RESONANCE!r}", "json")
+    completed = run(f"{line} 50,{RESONANCE!r}", "json", status=1)
     completed.check_printed("forced_undamped_misfires")
     assert completed.json["worst_misfire"]["rpm"] == 50.0
     # With both firing the torques of both disks cancel.
-    completed = run(f"{line} {RESONANCE!r}", "json")
+    completed = run(f"{line} {RESONANCE!r}", "json", status=1)
     completed.check_printed("forced_undamped_misfires_at_resonance")
     assert "worst_misfire" not in completed.json
 
@@ -299,11 +297,13 @@ def test_the_worst_misfire_is_that_with_the_largest_share_of_a_limit(run, two_st
         shares[name] = stresses.stress / stresses.continuous
     assert max(shares, key=lambda name: shares[name].max()) == "cylinder 1"
     worst = completed.json["worst_misfire"]
-    assert worst["cylinder"] == "cylinder 1"
-    assert (worst["of"], worst["rpm"]) == ("intermediate", 120.0)
-    printed_shares = [worst["share"], worst["firing_share"]]
-    expected = [shares["cylinder 1"][2], shares[""][2]]
-    np.testing.assert_allclose(printed_shares, expected, rtol=1e-9)
+    assert worst == worst | {
+        "cylinder": "cylinder 1",
+        "of": "intermediate",
+        "rpm": 120.0,
+        "share": pytest.approx(shares["cylinder 1"][2], rel=1e-9),
+        "firing_share": pytest.approx(shares[""][2], rel=1e-9),
+    }
     sentence = f"{worst['share']:.2f} of the continuous limit of stress; "
     assert sentence in completed.out
 
@@ -322,6 +322,6 @@ def test_without_limits_the_worst_misfire_is_that_with_the_largest_torque(
         text = text.replace(key, "")
     two_stroke.write_text(text)
     worst = run(f"forced {two_stroke} {LIMITED}", "json").json["worst_misfire"]
-    assert worst["cylinder"] == "cylinder 4"
-    assert (worst["of"], worst["rpm"]) == ("intermediate", 85.0)
+    expected = {"cylinder": "cylinder 4", "of": "intermediate", "rpm": 85.0}
+    assert worst == worst | expected
     assert "share" not in worst

@@ -20,23 +20,21 @@ def test_without_a_choice_there_are_tables_of_the_first_three_modes_that_strain_
 ):
     completed = run_once(f"holzer {SCENE}", "json", "plot")
     completed.check_printed("holzer_diesel")
-    assert completed.is_drawn
     modes = jaxhb.natural_frequencies(train)
     records = completed.json["tables"]
     assert [record["mode"] for record in records] == [1, 2, 3]
     for record in records:
         table = jaxhb.holzer_table(train, hz=modes.frequencies_hz[record["mode"]])
-        assert record["residual"] == table.residual
-        assert record["disks"] == list(table.names)
-        for field in (
-            "inertia",
-            "ordinate",
-            "torque",
-            "torque_sum",
-            "stiffness",
-            "twist",
-        ):
-            assert record[field] == getattr(table, field).tolist()
+        assert record == record | {
+            "residual": table.residual,
+            "disks": list(table.names),
+            "inertia": table.inertia.tolist(),
+            "ordinate": table.ordinate.tolist(),
+            "torque": table.torque.tolist(),
+            "torque_sum": table.torque_sum.tolist(),
+            "stiffness": table.stiffness.tolist(),
+            "twist": table.twist.tolist(),
+        }
 
 
 def test_the_energies_of_a_natural_frequency_are_those_of_its_mode():

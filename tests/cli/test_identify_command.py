@@ -42,8 +42,6 @@ def test_the_fitted_scene_loads_with_its_numbers_and_tolerances(
     fitted = tmp_path / "out" / "fitted.toml"
     fitted.parent.mkdir()
     completed = run(f"{DIESEL} {measured} {fits} --output {fitted}", "json", "plot")
-    assert completed.status == 0
-    assert completed.is_drawn
     train = jaxhb.load_scene(fitted)
     assert train.value("cyl6|flywheel.stiffness") == pytest.approx(1.8e6, rel=1e-4)
     assert train.value("cylinder 4.gas_factor") == pytest.approx(0.8, rel=1e-4)
@@ -61,15 +59,14 @@ def test_the_weak_cylinder_is_told_and_how_much_it_burns(tmp_path, run, burnt):
     """Less injection, down to a misfire: compression stays."""
     measured = write_measured(tmp_path, {"cylinder 4.injection": burnt})
     completed = run(f"{DIESEL} {measured} --weak-cylinder", "json")
-    assert completed.status == 0
-    share = f"{100 * burnt:.0f} %"
-    sentence = f"cylinder 4 burns {share} of what the others do."
+    sentence = f"cylinder 4 burns {100 * burnt:.0f} % of what the others do."
     assert completed.out.startswith(sentence)
-    record = completed.json
-    first = record["weak_cylinder"][0]
-    assert first["name"] == "cylinder 4"
-    assert first["gas_factor"] == pytest.approx(burnt, abs=1e-3)
-    assert record["explains"]
+    assert completed.json["explains"]
+    first = completed.json["weak_cylinder"][0]
+    assert first == first | {
+        "name": "cylinder 4",
+        "gas_factor": pytest.approx(burnt, abs=1e-3),
+    }
 
 
 @pytest.mark.slow
@@ -87,7 +84,7 @@ def test_no_cylinder_is_blamed_for_what_another_number_of_the_scene_does(tmp_pat
             lines.append(f"{rpm},{order},cyl6|flywheel,torque,{abs(c)},{phase}")
     path = tmp_path / "measured.csv"
     path.write_text("\n".join(lines), encoding="utf-8")
-    completed = run(f"{DIESEL} {path} --weak-cylinder", "json")
+    completed = run(f"{DIESEL} {path} --weak-cylinder", "json", status=1)
     completed.check_printed("identify_no_verdict")
     record = completed.json
     assert record["misfit"] > 2
@@ -100,6 +97,5 @@ def test_no_cylinder_is_blamed_for_what_another_number_of_the_scene_does(tmp_pat
 
 @pytest.mark.parametrize(("line", "sentence"), reference("cases")["identifications"])
 def test_what_cannot_be_asked_is_refused_in_a_sentence(measured, run, line, sentence):
-    completed = run(f"{DIESEL} {measured} {line}")
-    assert completed.status == 2
+    completed = run(f"{DIESEL} {measured} {line}", status=2)
     assert sentence in completed.err

@@ -35,14 +35,13 @@ def test_modes_are_those_of_python(run_once):
         "strain_share",
         "viscous",
     }
-    assert record["notes"] == []
-    for name in (
-        "mesh_energy_share",
-        "frequencies_hz",
-        "node_count",
-        "generalised_mass",
-    ):
-        assert record[name] == getattr(modes, name).tolist()
+    assert record == record | {
+        "notes": [],
+        "mesh_energy_share": modes.mesh_energy_share.tolist(),
+        "frequencies_hz": modes.frequencies_hz.tolist(),
+        "node_count": modes.node_count.tolist(),
+        "generalised_mass": modes.generalised_mass.tolist(),
+    }
     shape = modes.shapes[:, modes.names.index("crank gear")]
     assert record["modes"]["crank gear"] == shape.tolist()
     link = "idler|cam gear A"
@@ -76,7 +75,6 @@ def test_modes_campbell_and_holzer_take_the_teeth_at_the_mean_load_of_a_speed(
     for command in ("modes", "holzer", "campbell --rpm 100:100000"):
         completed = run(f"{command} {tmp_path / 'idle.toml'} --at 900", "json", "plot")
         completed.check_printed(f"{command.split()[0]}_at_mean_load")
-        assert completed.is_drawn
         records.append(completed.json)
     modes, holzer, campbell = records
     hz = math.sqrt(2 * 1e-3 * 1e8 * 0.1**2 / 0.1) / (2 * math.pi)
@@ -95,8 +93,7 @@ def test_an_order_tuned_ring_is_as_stiff_as_at_the_speed(tmp_path, run):
     scene.write_text(
         IDLE + '[[damper]]\nname = "ring"\ndisk = "a"\ninertia = 0.01\norder = 2\n'
     )
-    completed = run(f"modes {scene}")
-    assert completed.status == 2
+    completed = run(f"modes {scene}", status=2)
     assert "'ring' has order" in completed.err
     train = (
         jaxhb.load_scene(scene)
@@ -110,8 +107,7 @@ def test_an_order_tuned_ring_is_as_stiff_as_at_the_speed(tmp_path, run):
 
 def test_a_train_in_which_nothing_is_strained_has_no_shape_to_draw(tmp_path, run):
     (tmp_path / "one.toml").write_text('[[disk]]\nname = "hub"\ninertia = 1.0\n')
-    completed = run(f"modes {tmp_path / 'one.toml'}", "plot")
-    assert completed.status == 2
+    completed = run(f"modes {tmp_path / 'one.toml'}", "plot", status=2)
     assert "no mode strains a link" in completed.err
     assert not completed.path("plot").exists()
 

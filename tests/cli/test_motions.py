@@ -31,7 +31,7 @@ ROUNDED = 10.0 ** (1 - DIGITS)
 
 @pytest.fixture(scope="module")
 def answers():
-    """What the pair does with little damping or load, from Python."""
+    """Answers for the pair with little damping or load, from Python."""
     train = jaxhb.load_scene("spur_pair")
     return {
         period: answer_one(train.replace(changes), 6000.0, Asked())
@@ -72,22 +72,26 @@ def test_the_kind_and_the_numbers_are_those_of_the_motion(
     period, answers, completed_of
 ):
     completed = completed_of(period)
-    assert completed.status == 0
-    assert completed.is_drawn
     state = answers[period].state
     record = completed.json
     motion = record["motion"]
     mesh = record["meshes"][MESH]
     force = state.force(MESH)
     contact = state.mesh(MESH)
-    assert motion["kind"] == state.kind
-    assert (motion["period"], motion["cycles"]) == (state.period, state.cycles)
-    extremes = (float(force.max), float(force.min), float(force.rms))
-    assert (mesh["max"], mesh["min"], mesh["rms"]) == extremes
+    assert motion == motion | {
+        "kind": state.kind,
+        "period": state.period,
+        "cycles": state.cycles,
+    }
     assert motion["per_cycle"][MESH]["max"] == force.per_cycle.max.tolist()
-    assert mesh["impacts_per_cycle"] == contact.impacts_per_cycle
-    assert mesh["hardest_impact"] == contact.hardest_impact
-    assert mesh["separated_fraction"] == contact.separated_fraction
+    assert mesh == mesh | {
+        "max": float(force.max),
+        "min": float(force.min),
+        "rms": float(force.rms),
+        "impacts_per_cycle": contact.impacts_per_cycle,
+        "hardest_impact": contact.hardest_impact,
+        "separated_fraction": contact.separated_fraction,
+    }
     swing = float(state.gear_torque("gear a").half_peak_to_peak)
     assert record["gears"]["gear a"]["half_peak_to_peak"] == swing
     swing = float(state.disk("gear b").half_peak_to_peak)
@@ -103,11 +107,10 @@ def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(
     completed = completed_of(PERIODIC)
     completed.check_printed("solve_two_cycles", HAMMERING)
     record = completed.json
+    assert record == record | {"converged": True, "status": "CONVERGED"}
     motion = record["motion"]
     largest = jaxhb.stability(answers[PERIODIC].response).largest
-    assert (motion["stable"], motion["multiplier"]) == (True, largest)
-    assert record["converged"]
-    assert record["status"] == "CONVERGED"
+    assert motion == motion | {"stable": True, "multiplier": largest}
     # One impact in two cycles of 11.25 deg, in the second of them.
     mesh = record["meshes"][MESH]
     (impact,) = mesh["impacts"]
@@ -122,25 +125,28 @@ def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(
 ):
     completed = completed_of(IRREGULAR)
     record = completed.json
-    for key in (
-        "converged",
-        "status",
-        "harmonics",
-        "residual",
-        "truncation_error",
-        "power_defect",
-        "path",
-    ):
-        assert record[key] is None
+    assert record == record | {
+        "converged": None,
+        "status": None,
+        "harmonics": None,
+        "residual": None,
+        "truncation_error": None,
+        "power_defect": None,
+        "path": None,
+    }
+    force = answers[IRREGULAR].state.force(MESH)
     motion = record["motion"]
+    assert motion == motion | {
+        "stable": None,
+        "multiplier": None,
+        "recorded_cycles": 256,
+        "spread": {MESH: force.spread._asdict()},
+    }
     mesh = record["meshes"][MESH]
-    assert motion["stable"] is motion["multiplier"] is mesh["impacts"] is None
+    assert mesh["impacts"] is None
     assert all(phase is None for _, _, phase in mesh["amplitudes"])
     for words in ("never repeats", "256 recorded", "(two standard deviations"):
         assert words in completed.out
-    force = answers[IRREGULAR].state.force(MESH)
-    assert motion["recorded_cycles"] == 256
-    assert motion["spread"][MESH] == force.spread._asdict()
     beginning = completed.out.index("Largest tooth force of a cycle")
     cells = completed.out[beginning:].splitlines()[3].split()
     peaks = [*force.per_cycle.peak / 1e3, force.spread.peak / 1e3]
@@ -160,10 +166,12 @@ def test_an_orbit_is_the_solution_of_solve_and_the_word_for_its_stability(run_on
     record = completed.json
     assert record["meshes"][MESH]["max"] == float(response.force(MESH).max)
     motion = record["motion"]
-    assert motion["orbit"]
-    assert motion["kind"] == "periodic"
-    assert motion["stable"] == stability.stable
-    assert motion["multiplier"] == stability.largest
+    assert motion == motion | {
+        "orbit": True,
+        "kind": "periodic",
+        "stable": stability.stable,
+        "multiplier": stability.largest,
+    }
     word = "stable" if stability.stable else "UNSTABLE"
     assert f"orbit: periodic, period one cycle; {word}" in completed.out
 
@@ -189,7 +197,6 @@ def test_a_sweep_both_ways_tells_hysteresis(run_once):
         ("down", "4500.0", "periodic"),
         ("down", "5000.0", "periodic"),
     ]
-    assert completed.is_drawn
 
 
 @pytest.mark.slow
@@ -313,7 +320,7 @@ def test_the_picture_of_a_cycle_shows_how_far_extremes_of_other_records_may_lie(
 
 def test_what_is_not_known_exits_1_with_the_reason_and_no_numbers(run_once):
     line = "sweep spur_pair --rpm 2000,5000 --set drive.mean=70"
-    completed = run_once(line, "csv", "plot")
+    completed = run_once(line, "csv", "plot", status=1)
     completed.check_printed("sweep_unknown")
     assert [row[f"{MESH} max N"] for row in completed.rows] == ["", ""]
     assert "If --set unbalances a scene" in run_once("solve --help").words
@@ -329,7 +336,8 @@ def test_a_sweep_that_is_kept_goes_on_and_a_folder_of_another_sweep_is_refused(
     assert len(list((tmp_path / "kept").glob("*.npz"))) == 2
     assert run(line, "json") == first
     assert first.path("json").read_bytes() == written
-    completed = run(f"{line} --orbit")  # others: tests/steady/test_checkpoint.py
-    assert completed.status == 2
+    completed = run(
+        f"{line} --orbit", status=2
+    )  # others: tests/steady/test_checkpoint.py
     sentence = "answers steady states there, periodic solutions now"
     assert sentence in completed.err

@@ -27,8 +27,6 @@ def completed(run, small):
 
 def test_the_report_puts_a_misfire_beside_normal_running(completed):
     record = completed.json
-    assert completed.status == 0
-    assert completed.is_drawn
     assert record["rpm"] == [1500.0, 3000.0]
     beginning = "With all cylinders firing\n  All teeth stay in contact at 1500 rpm."
     assert completed.out.startswith(beginning)
@@ -70,7 +68,6 @@ def test_a_scene_with_a_cylinder_that_does_not_fire_is_not_called_normal(run, sm
     xarray = pytest.importorskip("xarray")
     small.write_text(SMALL + "fires = false\n")
     completed = run(f"report {small} --rpm 1500", "netcdf")
-    assert completed.status == 0
     assert completed.out.startswith("With the scene as given\n")
     assert xarray.load_dataset(completed.path("netcdf")).sizes["case"] == 1
 

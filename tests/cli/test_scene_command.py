@@ -137,10 +137,13 @@ def test_the_worst_of_all_misfires_is_that_of_python(scene, run):
     misfires = jaxhb.misfire_each(jaxhb.load_scene(scene), rpm=[1200.0, 1800.0])
     expected = misfires.worst(lambda r: r.torque("one", "two").half_peak_to_peak)
     worst = completed.json["worst_misfire"]
-    assert worst["of"] == "one|two"
-    assert (worst["cylinder"], worst["rpm"]) == (expected.cylinder, expected.rpm)
-    values = [expected.value, expected.firing]
-    np.testing.assert_allclose([worst["value"], worst["firing"]], values, rtol=1e-9)
+    assert worst == worst | {
+        "of": "one|two",
+        "cylinder": expected.cylinder,
+        "rpm": expected.rpm,
+        "value": pytest.approx(expected.value, rel=1e-9),
+        "firing": pytest.approx(expected.firing, rel=1e-9),
+    }
     beginning = f"The worst misfire is that of {expected.cylinder}: torque of "
     assert completed.out.startswith(beginning)
     cases = completed.json["cases"]

@@ -58,7 +58,6 @@ def test_a_train_of_a_disk_and_a_damper_works_in_every_command(command, scene, r
     line = f"{command} {scene(DISK, DAMPER)} --rpm {SPEEDS[command]}"
     completed = run(line, "json", "plot")
     completed.check_printed(f"{command}_disk_and_damper")
-    assert completed.is_drawn
     assert completed.json
 
 
@@ -75,8 +74,7 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(
     command, scene, run, tmp_path
 ):
     line = f"{command} {scene(DISK)} --rpm {SPEEDS[command]}"
-    completed = run(line, "json", "plot")
-    assert completed.status == 2
+    completed = run(line, "json", "plot", status=2)
     assert "no torque to draw" in completed.err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
     run(line).check_printed(f"{command}_disk")
@@ -100,10 +98,12 @@ def test_the_hardest_shaft_may_be_a_damper(scene):
 def test_a_ground_in_place_of_a_load_is_reported_and_noted(scene, run):
     completed = run(f"solve {scene(DISK, DAMPER)} --rpm 1000", "json")
     record = completed.json
-    assert record["ground_reaction_Nm"] == {"bed": pytest.approx(500.0)}
+    assert record == record | {
+        "ground_reaction_Nm": {"bed": pytest.approx(500.0)},
+        "load_torque_Nm": {},
+        "mean_angles": "set by the ground 'bed'",
+    }
     assert record["disks"]["hub"]["mean"] == pytest.approx(0.5)
-    assert record["load_torque_Nm"] == {}
-    assert record["mean_angles"] == "set by the ground 'bed'"
     (note,) = record["notes"]
     assert note.startswith("The ground 'bed' takes 500 N m")
     assert note.endswith("is a [[load]] missing?")
@@ -114,11 +114,12 @@ def test_with_a_load_the_ground_takes_nothing(scene, run):
     line = f"sweep {scene(DISK, DAMPER, LOAD)} --rpm 1000:1500:3"
     completed = run(line, "json", "csv")
     record = completed.json["responses"][0]
-    assert record["ground_reaction_Nm"]["bed"] == pytest.approx(0.0, abs=1e-6)
-    assert record["load_torque_Nm"] == {"pump": pytest.approx(-500.0)}
-    power = 500.0 * 2 * np.pi * 1000 / 60 / 1e3
-    assert record["load_kW"] == pytest.approx(power)
-    assert record["notes"] == []
+    assert record == record | {
+        "ground_reaction_Nm": {"bed": pytest.approx(0.0, abs=1e-6)},
+        "load_torque_Nm": {"pump": pytest.approx(-500.0)},
+        "load_kW": pytest.approx(500.0 * 2 * np.pi * 1000 / 60 / 1e3),
+        "notes": [],
+    }
     rows = completed.rows
     torques = [float(row["pump load torque N m"]) for row in rows]
     assert torques == pytest.approx([-500.0] * 3)
@@ -144,7 +145,7 @@ def test_a_sweep_without_backlash_is_solved_once_and_tells_how_many_speeds_are_d
 
     monkeypatch.setattr(commands, "Progress", Recorded)
     monkeypatch.setattr(compute, "solve_speeds", counted)
-    assert run(f"sweep {scene(DISK, DAMPER)} --rpm 1000:1500:3").status == 0
+    run(f"sweep {scene(DISK, DAMPER)} --rpm 1000:1500:3")
     assert len(calls) == 1
     assert (reported[0].done, reported[0].total) == (3, 3)
 
@@ -156,8 +157,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(
         raise OutputError("no picture today")
 
     monkeypatch.setattr("jaxhb.cli.commands.plot_cycle", refuse)
-    completed = run(f"solve {scene(DISK, DAMPER)} --rpm 1000", "json", "plot")
-    assert completed.status == 2
+    completed = run(f"solve {scene(DISK, DAMPER)} --rpm 1000", "json", "plot", status=2)
     assert (completed.out, completed.err) == ("", "no picture today\n")
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
@@ -182,6 +182,5 @@ def test_an_error_of_the_program_is_neither_not_converged_nor_bad_input(
     scene, monkeypatch, run
 ):
     monkeypatch.setattr(compute, "steady_state", lambda *_, **__: {}["gone"])
-    completed = run(f"solve {scene(DISK)} --rpm 1000")
-    assert completed.status == 3
+    completed = run(f"solve {scene(DISK)} --rpm 1000", status=3)
     assert "KeyError: 'gone'" in completed.err

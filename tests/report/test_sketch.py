@@ -100,16 +100,13 @@ def test_scene_draws_the_train_prints_it_on_request_and_refuses_401_disks(
 ):
     completed = run("scene spur_pair", "plot")
     assert completed.out == f"{completed.path('plot')} is written.\n"
-    assert completed.is_drawn
     completed = run("scene spur_pair --expand", "plot")
-    assert completed.status == 0
     assert "[[mesh]]" in completed.out
     rows = "".join(f"d{i},1\n" for i in range(401))
     links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
     long = tmp_path / "long.csv"
     long.write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
     completed.path("plot").unlink()
-    completed = run(f"scene {long}", "plot")
-    assert completed.status == 2
+    completed = run(f"scene {long}", "plot", status=2)
     assert "401 disks" in completed.err
     assert not completed.path("plot").exists()
