@@ -139,16 +139,19 @@ def test_vee_banks_add_up_as_published(alpha):
 
 
 def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
-    vee_six = {
-        "cylinders": 6,
-        "disks": ["a"] * 3,
-        "bank_angle": 90.0,
-        "firing_order": ["A1", "B1", "A2", "B2", "A3", "B3"],
-    }
-    crank = list(angles(**vee_six).values())
-    assert crank == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
-    even = list(angles(**vee_six, firing="even").values())
-    assert even == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
+    order = ["A1", "B1", "A2", "B2", "A3", "B3"]
+    crank, even = (
+        angles(
+            cylinders=6,
+            disks=["a"] * 3,
+            bank_angle=90.0,
+            firing_order=order,
+            firing=firing,
+        )
+        for firing in ("crank", "even")
+    )
+    assert list(crank.values()) == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
+    assert list(even.values()) == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
 
 
 def test_firing_intervals_are_those_given():

@@ -361,15 +361,14 @@ def test_elements_come_back_from_their_toml(tmp_path):
             rod=0.2,
         ),
     ]
-    head = {
-        "name": "all",
-        "reference": "a",
-        "revolutions_per_cycle": 4,
-        "tune": {"rpm": [1.0]},
-    }
-    train = load_scene(write(tmp_path, "all.toml", elements_text(parts, **head)))
-    assert same(train, build(parts, **head))
-    assert train.tune == {"rpm": [1.0]}
+    table = {"rpm": [1.0]}
+    built, text = (
+        make(parts, name="all", reference="a", revolutions_per_cycle=4, tune=table)
+        for make in (build, elements_text)
+    )
+    train = load_scene(write(tmp_path, "all.toml", text))
+    assert same(train, built)
+    assert train.tune == table
 
 
 @pytest.mark.parametrize(
