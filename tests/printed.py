@@ -73,7 +73,7 @@ class Completed:
     @property
     def transcript(self):
         """The command, its output and errors, without what differs between runs."""
-        text = f"$ jaxhb {self.line}\n{self.out}"
+        text = f"$ jaxhb {self.line.strip()}\n{self.out}"
         if self.status or self.err:
             text += f"\nexit status {self.status}\n{self.err}"
         text = text.replace(str(self.folder), "FOLDER").replace(str(DATA), "DATA")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from printed import HAMMERING
-from reference_data import reference
+from reference_data import PACKAGED, reference
 
 import jaxhb
 from jaxhb import _store
@@ -27,7 +27,6 @@ from jaxhb.report.files.output import write_files
 from jaxhb.results.steady import orbit_state
 from jaxhb.steady import orbits
 
-SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 MESH = "gear a|gear b"
 
 
@@ -49,7 +48,7 @@ def process(*arguments, stdout=subprocess.PIPE, env=None, encoding=None):
 def scene(tmp_path):
     """The pair of gears and its table, in a folder of its own."""
     for name in ("spur_pair.toml", "spur_pair_omega_squared.csv"):
-        (tmp_path / name).write_bytes((SCENES / name).read_bytes())
+        (tmp_path / name).write_bytes((PACKAGED / name).read_bytes())
     return tmp_path / "spur_pair.toml"
 
 
