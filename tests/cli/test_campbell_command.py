@@ -42,8 +42,7 @@ def test_orders_are_those_of_the_torques_and_links_that_vary_must_be_made_consta
     completed = run(f"{line} --links-at hz=50")
     completed.check_printed("campbell_links_at_50_hz")
     # sqrt(4e5 / 3) / 2 pi, times 60 / 3
-    cells = completed.out.splitlines()[-3].split()
-    assert cells[:4] == ["1162.3", "3", "1", "58.12"]
+    assert completed.out.splitlines()[-3].split()[:4] == ["1162.3", "3", "1", "58.12"]
 
 
 def test_modes_that_are_left_out_are_counted_with_why_and_how_to_have_them(run_once):

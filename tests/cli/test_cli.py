@@ -66,8 +66,7 @@ def test_what_needs_a_library_that_is_missing_is_refused_with_the_name_of_the_ex
     file, extra, run, monkeypatch
 ):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    completed = run("report spur_pair --rpm 2000", file, status=2)
-    assert f"jaxhb[{extra}]" in completed.err
+    assert f"jaxhb[{extra}]" in run("report spur_pair --rpm 2000", file, status=2).err
 
 
 def test_scenes_lists_every_packaged_scene(run):

@@ -339,5 +339,4 @@ def test_a_sweep_that_is_kept_goes_on_and_a_folder_of_another_sweep_is_refused(
     completed = run(
         f"{line} --orbit", status=2
     )  # others: tests/steady/test_checkpoint.py
-    sentence = "answers steady states there, periodic solutions now"
-    assert sentence in completed.err
+    assert "answers steady states there, periodic solutions now" in completed.err

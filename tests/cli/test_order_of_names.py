@@ -92,8 +92,7 @@ def scenes(tmp_path_factory):
         scene = subfolder / "scene.toml"
         scene.write_text(text, encoding="utf-8")
         twin = subfolder / "twin.toml"
-        swapped = BETWEEN.sub(r'between = ["\2", "\1"]', text)
-        twin.write_text(swapped, encoding="utf-8")
+        twin.write_text(BETWEEN.sub(r'between = ["\2", "\1"]', text), encoding="utf-8")
         files[title] = scene, twin
     return files
 
@@ -216,13 +215,11 @@ def test_the_largest_tooth_force_of_all_modes_is_that_of_the_flank_with_the_larg
         '["port pinion", "wheel"]', '["wheel", "port pinion"]'
     )
     (tmp_path / "plant.toml").write_text(text)
-    completed = run(f"sweep {tmp_path}/plant.toml --rpm 300 --scenario all", "json")
-    record = completed.json
+    record = run(f"sweep {tmp_path}/plant.toml --rpm 300 --scenario all", "json").json
     (response,) = record["scenarios"]["as written"]["responses"]
     force = response["meshes"]["wheel|port pinion"]
     assert force["max"] < 0
-    peak = record["worst"]["wheel|port pinion peak N"]["value"]
-    assert peak >= -force["min"]
+    assert record["worst"]["wheel|port pinion peak N"]["value"] >= -force["min"]
 
 
 def test_the_largest_tooth_force_of_a_cycle_is_that_of_the_flank_with_the_larger_one():

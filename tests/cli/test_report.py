@@ -49,8 +49,7 @@ def test_the_report_puts_a_misfire_beside_normal_running(completed):
 
 
 def test_cases_are_a_dimension_of_the_arrays_of_a_report(completed, small):
-    xarray = pytest.importorskip("xarray")
-    data = xarray.load_dataset(completed.path("netcdf"))
+    data = pytest.importorskip("xarray").load_dataset(completed.path("netcdf"))
     assert data.case.values.tolist() == ["all cylinders firing", "two not firing"]
     assert data.tooth_force_max.dims == ("case", "rpm", "mesh")
     assert data.rpm.values.tolist() == [1500.0, 3000.0]

@@ -204,8 +204,7 @@ def test_what_a_command_reads_is_never_written_over(line, option, scene, run):
     before = [path.read_bytes() for path in (scene, table)]
     for word, path in (("SCENE", scene), ("TABLE", table), ("LINK", link)):
         line = line.replace(word, str(path))
-    completed = run(line, status=2)
-    assert completed.err.startswith(f"{option}: ")
+    assert run(line, status=2).err.startswith(f"{option}: ")
     assert [path.read_bytes() for path in (scene, table)] == before
 
 
@@ -401,8 +400,7 @@ def test_a_sweep_goes_over_a_number_of_the_scene(run):
 def test_a_trace_is_the_motion_over_the_crank_angle(run):
     completed = run("solve spur_pair --rpm 5000", "trace")
     heads, *rows = completed.path("trace").read_text().splitlines()
-    columns = np.loadtxt(rows, delimiter=",").T
-    values = dict(zip(heads.split(","), columns, strict=True))
+    values = dict(zip(heads.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
     force = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=5000.0).force(MESH)
     samples = force.samples(len(rows))
     np.testing.assert_array_equal(values[f"{MESH} tooth force N"], samples)

@@ -74,8 +74,7 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(
     command, scene, run, tmp_path
 ):
     line = f"{command} {scene(DISK)} --rpm {SPEEDS[command]}"
-    completed = run(line, "json", "plot", status=2)
-    assert "no torque to draw" in completed.err
+    assert "no torque to draw" in run(line, "json", "plot", status=2).err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
     run(line).check_printed(f"{command}_disk")
 
@@ -123,8 +122,7 @@ def test_with_a_load_the_ground_takes_nothing(scene, run):
     rows = completed.rows
     torques = [float(row["pump load torque N m"]) for row in rows]
     assert torques == pytest.approx([-500.0] * 3)
-    reaction = float(rows[0]["bed ground reaction N m"])
-    assert reaction == pytest.approx(0.0, abs=1e-6)
+    assert float(rows[0]["bed ground reaction N m"]) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_sweep_without_backlash_is_solved_once_and_tells_how_many_speeds_are_done(
@@ -182,5 +180,4 @@ def test_an_error_of_the_program_is_neither_not_converged_nor_bad_input(
     scene, monkeypatch, run
 ):
     monkeypatch.setattr(compute, "steady_state", lambda *_, **__: {}["gone"])
-    completed = run(f"solve {scene(DISK)} --rpm 1000", status=3)
-    assert "KeyError: 'gone'" in completed.err
+    assert "KeyError: 'gone'" in run(f"solve {scene(DISK)} --rpm 1000", status=3).err

@@ -205,8 +205,7 @@ def test_a_bad_table_is_told_and_nothing_is_written(
     old, new, sentence, scene, tmp_path, tune
 ):
     replace_in(scene, old, new)
-    completed = tune(status=2)
-    assert sentence in completed.err
+    assert sentence in tune(status=2).err
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]
 
 
@@ -231,8 +230,7 @@ def test_a_limit_that_is_exceeded_is_told_and_tables_lie_beside_the_tuned_scene(
 def test_another_table_of_the_same_name_is_not_overwritten(tmp_path, tune):
     mine = tmp_path / "six_cylinder_diesel_pressure.csv"
     mine.write_text("mine", encoding="utf-8")
-    completed = tune(status=2)
-    assert f"is another file than '{mine.name}' of the scene" in completed.err
+    assert f"is another file than '{mine.name}' of the scene" in tune(status=2).err
     assert mine.read_text(encoding="utf-8") == "mine"
 
 

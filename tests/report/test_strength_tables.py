@@ -62,8 +62,7 @@ def test_the_table_of_stresses_has_the_speed_of_the_largest_share(scene, strengt
     stress = strength.stresses["line shaft"]
     shares = stress.stress / stress.continuous
     worst = int(np.argmax(np.where(np.isfinite(stress.continuous), shares, 0)))
-    table = output[output.index("Torsional stress") :].splitlines()
-    cells = table[2].split()
+    cells = output[output.index("Torsional stress") :].splitlines()[2].split()
     assert float(cells[2]) == pytest.approx(stress.stress[worst] / 1e6, abs=0.01)
     assert float(cells[3]) == np.linspace(300.0, 960.0, 23)[worst]
     assert float(cells[6]) == pytest.approx(shares[worst], abs=0.006)
