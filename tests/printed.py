@@ -80,19 +80,24 @@ class Completed:
         return SECONDS.sub("? s", text)
 
     def check_printed(self, name, share=ROUNDING):
-        """Compares with a golden file; numbers may differ by a share and by rounding
-        of their last digit.
-        """
-        path = GOLDEN / f"{name}.txt"
-        if "JAXHB_RENEW_PRINTED" in os.environ:
-            path.write_text(self.transcript, encoding="utf-8")
-        expected = path.read_text(encoding="utf-8").splitlines()
-        lines = self.transcript.splitlines()
-        alike = len(lines) == len(expected) and all(
-            reads_alike(before, after, share)
-            for before, after in zip(expected, lines, strict=True)
-        )
-        assert alike, "\n".join(difflib.ndiff(expected, lines))
+        """Compares the transcript with a golden file."""
+        check_text(name, self.transcript, share)
+
+
+def check_text(name, text, share=ROUNDING):
+    """Compares a text with a golden file; numbers may differ by a share and by rounding
+    of their last digit.
+    """
+    path = GOLDEN / f"{name}.txt"
+    if "JAXHB_RENEW_PRINTED" in os.environ:
+        path.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    expected = path.read_text(encoding="utf-8").splitlines()
+    lines = text.splitlines()
+    alike = len(lines) == len(expected) and all(
+        reads_alike(before, after, share)
+        for before, after in zip(expected, lines, strict=True)
+    )
+    assert alike, "\n".join(difflib.ndiff(expected, lines))
 
 
 def tolerance_of(number, share):
