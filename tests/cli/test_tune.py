@@ -10,7 +10,7 @@ import pytest
 from reference_data import reference, text_of
 
 import jaxhb
-from jaxhb.cli import commands
+from jaxhb.cli.progress import Progress
 from jaxhb.design import Objective, Parameter
 from jaxhb.design.table import read_table
 from jaxhb.report.compute import check_designs
@@ -126,18 +126,26 @@ def check_what_differs(scene, better):
     assert len(lines) == 8
 
 
+@pytest.fixture
+def stop_at(monkeypatch):
+    """Presses Ctrl-C when the progress says something."""
+
+    def stop(words):
+        say = Progress.say
+
+        def interrupted(progress, text):
+            say(progress, text)
+            if words in text:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(Progress, "say", interrupted)
+
+    return stop
+
+
 @pytest.mark.slow
-def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(
-    better, tune, monkeypatch
-):
-    note = commands._TunedFiles.note
-
-    def stop(files, step):
-        note(files, step)
-        if step.number == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands._TunedFiles, "note", stop)
+def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(better, tune, stop_at):
+    stop_at("step 2: ")
     completed = tune(status=130)
     record = completed.json
     assert "stopped by the user" in completed.out
@@ -148,15 +156,9 @@ def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(
 
 
 def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(
-    scene, better, tune, monkeypatch
+    scene, better, tune, stop_at
 ):
-    begin = commands._TunedFiles.begin
-
-    def stop(files, reading):
-        begin(files, reading)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands._TunedFiles, "begin", stop)
+    stop_at("4 of 4 speeds are solved")
     completed = tune(status=130)
     completed.check_printed("tune_stopped_at_the_start")
     assert not better.exists()
@@ -169,10 +171,10 @@ def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(
 
 
 def test_ctrl_c_before_any_speed_is_solved_leaves_no_file(better, tune, monkeypatch):
-    def stop(files, reading):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands._TunedFiles, "begin", stop)
+    monkeypatch.setattr("jaxhb.design.tuning.tune", stop)
     completed = tune(status=130)
     completed.check_printed("tune_stopped_before_the_start")
     assert not better.exists()
