@@ -10,7 +10,6 @@ import difflib
 import io
 import json
 import os
-import re
 import shlex
 import threading
 from dataclasses import dataclass
@@ -18,14 +17,13 @@ from pathlib import Path
 
 import pytest
 from reference_data import DATA
+from shown import NUMBER, SECONDS, words_of
 
 from jaxhb.cli import progress
 from jaxhb.cli.main import main
 
 GOLDEN = DATA / "printed"
 ENDS = {"plot": "png", "netcdf": "nc", "trace": "trace.csv"}
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
-SECONDS = re.compile(r"\b\d+ s\b")
 ROUNDING = 1e-6
 HAMMERING = 0.02
 """Share by which a number may differ between machines; where teeth hammer, processors
@@ -113,8 +111,7 @@ def tolerance_of(number, share):
 
 def reads_alike(before, after, share):
     """Whether two lines have the same words, and the same numbers but for rounding."""
-    words, others = (NUMBER.sub("#", line).split() for line in (before, after))
-    if words != others:
+    if words_of(before) != words_of(after):
         return False
     pairs = zip(NUMBER.findall(before), NUMBER.findall(after), strict=True)
     return all(
