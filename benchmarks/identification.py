@@ -103,7 +103,7 @@ def fits(count, seed):
 def cylinders(count, seed):
     """How often the weak cylinder is named first."""
     train = jaxhb.load_scene(SCENE)
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     for phases in (True, False):
         first = among = 0
         for k in range(count):

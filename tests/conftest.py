@@ -8,6 +8,7 @@ that tests start too; ``compiling`` sets how they compile.
 
 import os
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 
 import compiling  # noqa: E402, F401
 import jax  # noqa: E402
+from printed import run_command  # noqa: E402
 
 from jaxhb import _program  # noqa: E402
 
@@ -56,3 +58,24 @@ def few_memory_maps():
     if maps.exists() and maps.read_text().count("\n") > MOST_MAPS:
         _program._compiled.clear()
         jax.clear_caches()
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Runs a command whose files go to the folder of the test."""
+    return partial(run_command, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def run_once(tmp_path_factory):
+    """Runs a command on packaged scenes, once for all tests with the same files."""
+    completed = {}
+
+    def once(line, *options, status=0):
+        if (line, options) not in completed:
+            folder = tmp_path_factory.mktemp("once")
+            command = run_command(folder, line, *options, status=status)
+            completed[line, options] = command
+        return completed[line, options]
+
+    return once

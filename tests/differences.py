@@ -13,23 +13,27 @@ by the step. Derivatives are taken at the time samples of the solve, since diffe
 are those of the sampled equations.
 """
 
-BOTH_SEPARATE = {
-    "harmonics": 32,
-    "active": (0, 1),
-    "flank": (0, 0),
-    "start": "march",
-    "time_steps": 768,
-    "tolerance": 0.5,
-    "excited": 3,
-}
-"""Options of plans of ``branched_parts`` at 1500 rpm."""
-
 
 def tight_plan(**options):
     """A plan solved to rounding, without the estimate of the truncation error, which
     has no derivative.
     """
     return jaxhb.Plan(**TIGHT | {"estimated": False} | options)
+
+
+def separating_plan(*, averaged=False, estimated=False):
+    """Tight plan of ``branched_parts`` at 1500 rpm, both of whose meshes part."""
+    return tight_plan(
+        harmonics=32,
+        active=(0, 1),
+        flank=(0, 0),
+        start="march",
+        time_steps=768,
+        tolerance=0.5,
+        excited=3,
+        averaged=averaged,
+        estimated=estimated,
+    )
 
 
 def differences(value, at, steps):

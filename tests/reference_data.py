@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import jaxhb
 from jaxhb import SceneError
 
 DATA = Path(__file__).parent / "data"
+PACKAGED = Path(jaxhb.__path__[0], "scene", "scenes")
+"""Folder of the scenes of the package."""
 
 
 def text_of(name):

@@ -128,7 +128,7 @@ def test_the_scene_engine_and_tables_of_the_pages_are_the_trains_described(tmp_p
     ]
     topology = loaded("scene.toml", scene, tmp_path)
     assert topology.mesh_names == ("crank gear|pump gear",)
-    assert topology.cylinders.names == ("cylinder 1",)
+    assert topology.cylinder_names == ("cylinder 1",)
     (engine,) = [
         block
         for block in blocks("toml", page("reference/excitation.md"))

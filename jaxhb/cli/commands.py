@@ -236,7 +236,7 @@ def misfire_trains(
     cut_off = arguments.cut_off
     options = {"--misfire": misfire, "--cut-off": cut_off}
     in_turn = [option for option, names in options.items() if EACH in names]
-    if not in_turn or EACH in train.topology.cylinders.names:
+    if not in_turn or EACH in train.topology.cylinder_names:
         return {"": train.misfire(*misfire).cut_off(*cut_off)}
     option = in_turn[0]
     if not each:

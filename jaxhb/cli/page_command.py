@@ -291,7 +291,7 @@ def _second_designs(
         misfiring = cases.get(cylinder_of(misfire.title))
         if cases:
             second = alike(second, cut_off=cut_off)
-    elif {*arguments.misfire, *arguments.cut_off} <= {*second.topology.cylinders.names}:
+    elif {*arguments.misfire, *arguments.cut_off} <= {*second.topology.cylinder_names}:
         misfiring = second.misfire(*arguments.misfire).cut_off(*arguments.cut_off)
     if misfiring is None:
         return {title: second}

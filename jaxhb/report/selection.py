@@ -28,7 +28,7 @@ def case_title(train: DriveTrain, cylinder: str = "") -> str:
     """
     if cylinder:
         return f"{cylinder}{CUT_OFF if is_cut_off(train, cylinder) else NOT_FIRING}"
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     return (
         ALL_FIRING if names and train.topology.firing_cylinders == names else AS_GIVEN
     )
@@ -39,7 +39,7 @@ def idle_title(topology: Topology) -> str:
     cylinder 4 cut off``.
     """
     cylinders = zip(
-        topology.cylinders.names,
+        topology.cylinder_names,
         topology.cylinders.fires,
         topology.cylinders.cut_off,
         strict=True,

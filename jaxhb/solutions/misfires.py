@@ -162,5 +162,5 @@ def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
     misfires, or cut-offs, have.
     """
     field = "gas_factor" if cut_off else "injection"
-    key = f"{train.topology.cylinders.names[0]}.{field}"
+    key = f"{train.topology.cylinder_names[0]}.{field}"
     return train.replace({key: train.value(key)})

@@ -280,7 +280,7 @@ class DriveTrain(TrainArrays):
 
     def _known_cylinders(self, cylinders: Sequence[str]) -> tuple[str, ...]:
         """Names of all cylinders; refuses ``cylinders`` with a name that none has."""
-        names = self.topology.cylinders.names
+        names = self.topology.cylinder_names
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
@@ -340,4 +340,4 @@ class DriveTrain(TrainArrays):
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same
         traces; empty where all is covered.
         """
-        return gas.outside_traces(self.topology.cylinders.names, self.cylinders, rpm)
+        return gas.outside_traces(self.topology.cylinder_names, self.cylinders, rpm)

@@ -236,7 +236,7 @@ def not_firing(*trains: TrainArrays) -> list[str]:
     """
     alike: dict[str, dict[str, None]] = {}
     for train in trains:
-        for number, name in enumerate(train.topology.cylinders.names):
+        for number, name in enumerate(train.topology.cylinder_names):
             state = _computed(train, number)
             if state:
                 alike.setdefault(state, {})[name] = None
@@ -254,7 +254,7 @@ def _names_text(names: Sequence[str]) -> str:
 
 def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
-    number = train.topology.cylinders.names.index(cylinder)
+    number = train.topology.cylinder_names.index(cylinder)
     return train.topology.cylinders.cut_off[number] or _is_zero(
         train.cylinders.gas_factor, number
     )

@@ -127,17 +127,27 @@ class Topology:
         return names
 
     def seats_of(self, table: str) -> Seats:
-        """What is fixed of the elements of a kind of excitation."""
+        """Elements of a kind of excitation, as far as they are fixed."""
         return self.excitations[list(EXCITATIONS).index(table)]
 
     @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the torques."""
+        return self.torques.names
+
+    @property
+    def cylinder_names(self) -> tuple[str, ...]:
+        """Names of the cylinders."""
+        return self.cylinders.names
+
+    @property
     def torques(self) -> Seats:
-        """What is fixed of the torques of the scene."""
+        """The torques of the scene, as far as they are fixed."""
         return self.seats_of("torque")
 
     @property
     def cylinders(self) -> CylinderSeats:
-        """What is fixed of the cylinders."""
+        """The cylinders, as far as they are fixed."""
         return cast(CylinderSeats, self.seats_of("cylinder"))
 
     def with_cylinders(self, **changes: tuple[bool, ...]) -> Topology:

@@ -8,7 +8,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from differences import BOTH_SEPARATE, tight_plan
+from differences import separating_plan
 from trains import branched_parts, build
 
 import jaxhb
@@ -31,7 +31,7 @@ ONES = np.ones(RPM + 1)
 ALONG = np.random.default_rng(0).normal(size=RPM + 1)
 
 
-SEPARATING = tight_plan(**BOTH_SEPARATE)
+SEPARATING = separating_plan()
 
 
 @cache

@@ -6,7 +6,7 @@ from functools import cache, partial
 import jax
 import numpy as np
 import pytest
-from differences import BOTH_SEPARATE, tight_plan
+from differences import separating_plan
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
@@ -21,7 +21,7 @@ KEYS = [
     "ring.damping",
 ]
 ONES = np.ones(len(KEYS))
-SAMPLED = tight_plan(**BOTH_SEPARATE, averaged=True)
+SAMPLED = separating_plan(averaged=True)
 EXACT = dataclasses.replace(SAMPLED, integrals="exact")
 
 

@@ -90,6 +90,9 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
     # Wholly in the gap or wholly in contact: two linear trains.
     if epsilon and not 1e-4 < load < 1e-1:
         assert status == Status.CONVERGED
+    # Without a spring in the gap rounding leaves nothing of the smallest loads.
+    if epsilon or load > 5e-8:
+        assert status <= Status.TOLERANCE_NOT_MET
     if status <= Status.TOLERANCE_NOT_MET:
         actual = [force.mean, force.max, force.min]
         expected = [mean, mean + amplitude, mean - amplitude]

@@ -41,19 +41,19 @@ def parameters(name="A4_hb_one_mass_N4"):
     return {key: float(value) for key, value in method_case(name)[0].items()}
 
 
-def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
+def by_hand(harmonics, numbers):
     """The condensed equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down,
     contact as the linear part.
     """
     n = np.arange(harmonics + 1)
-    receptance = 1 / (c - m * n**2 + 1j * b * n)
+    receptance = 1 / (numbers["c"] - numbers["m"] * n**2 + 1j * numbers["b"] * n)
     load = np.zeros(harmonics + 1)
-    load[0], load[1] = q0, q1 / 2
+    load[:2] = numbers["q0"], numbers["q1"] / 2
     law = backlash.Law(
-        stiffness=np.array([c]),
-        epsilon=np.array([eps]),
+        stiffness=np.array([numbers["c"]]),
+        epsilon=np.array([numbers["eps"]]),
         transition=np.array([0.2]),
-        backlash=np.array([h]),
+        backlash=np.array([numbers["h"]]),
     )
     nothing = np.zeros(1)
     linear = (receptance * load)[None]
@@ -62,10 +62,11 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
     )
 
 
-def mass_in_time(*, m, b, c, **_):
+def mass_in_time(numbers):
     """The same mass as ``y' = A y + E phi`` in its mode, for the preconditioner; Omega
     = 1.
     """
+    m, b, c = (numbers[name] for name in "mbc")
     s = max(np.sqrt(c / m), 1.0)
     space = StateSpace(
         transition=np.array([[0.0, s], [-c / m / s, -b / m]]),
@@ -87,8 +88,8 @@ def mass_in_time(*, m, b, c, **_):
 
 def solve_by_hand(harmonics, samples):
     """Iterate of the one-mass problem from its linear solution."""
-    reduced = by_hand(harmonics, **parameters())
-    mass = mass_in_time(**parameters())
+    reduced = by_hand(harmonics, parameters())
+    mass = mass_in_time(parameters())
     return solver(
         reduced, train_of(reduced, mass, 256), reduced.linear, samples=samples
     )
@@ -136,7 +137,7 @@ def test_pair_of_gears_reduces_to_the_one_mass_equation():
     reduced, _ = reduce(
         problem, 8, ActiveMeshes(np.ones(1), np.zeros(1, int), np.zeros(1))
     )
-    hand = by_hand(8, **parameters())
+    hand = by_hand(8, parameters())
     np.testing.assert_allclose(reduced.receptance, hand.receptance, rtol=ALGEBRAIC)
     np.testing.assert_allclose(
         reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC
@@ -200,7 +201,7 @@ def test_case_a6_forcing_of_the_describing_stiffness_gives_its_amplitude():
     values = {key: float(value) for key, value in params.items()}
     for label, row in expected.items():
         amplitude = float(label.removeprefix("A="))
-        reduced = by_hand(1, q0=0.0, q1=float(row["q1"]), **values)
+        reduced = by_hand(1, values | {"q0": 0.0, "q1": float(row["q1"])})
         # The phase that the linear equation with the describing stiffness gives
         phase = -np.angle(float(row["N"]) - values["m"] + 1j * values["b"])
         x = np.array([[0.0, amplitude / 2 * np.exp(1j * phase)]])

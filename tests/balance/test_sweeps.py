@@ -199,6 +199,11 @@ def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
     assert distance(case, other.deflection, settled(case).deflection) < 100 * GOAL
 
 
+def case_named(name):
+    """Case of a train of ``TRAINS``."""
+    return case_of(pair(**TRAINS[name]))
+
+
 FAST = ("damping in contact", "a gear without inertia", "a stage")
 KINDS = [
     pytest.param(name, marks=() if name in FAST else pytest.mark.slow)
@@ -212,7 +217,7 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     """Within a few cycles, however long the train on its soft ground takes: some 150 of
     them.
     """
-    case = case_of(pair(**TRAINS[name]))
+    case = case_named(name)
     motion = settled(case)
     assert float(motion.change) <= GOAL
     assert int(motion.marches) <= 15
@@ -439,7 +444,7 @@ def test_a_gear_pair_turned_round_moves_as_before(hammering):
 
 def test_without_rates_sweeps_end_where_they_do_with_them():
     """Where teeth are damped always: with damping in contact they end elsewhere."""
-    case = case_of(pair(**TRAINS["damping always"]))
+    case = case_named("damping always")
     equation = dataclasses.replace(case.equation, by_rate=False)
     plan = dataclasses.replace(case.plan, by_rate=False)
     motion = settled(case)

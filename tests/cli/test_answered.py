@@ -39,14 +39,20 @@ def unsure(solved):
     return Answer(solved.train, state, linear_response(solved.train, rpm=5000.0))
 
 
-def records_of(called):
-    """The objects of all speeds in the JSON of a command."""
-    found = called.json
-    return (
-        found["cases"][0]["responses"]
-        if "cases" in found
-        else found.get("responses", [found])
+def with_state(answer, **changes):
+    """The answer with other fields of its state."""
+    return dataclasses.replace(
+        answer, state=dataclasses.replace(answer.state, **changes)
     )
+
+
+def record_of(completed):
+    """The object of the only speed in the JSON of a command."""
+    content = completed.json
+    if "cases" in content:
+        content = content["cases"][0]
+    (record,) = content.get("responses", [content])
+    return record
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -56,108 +62,94 @@ def test_a_motion_known_from_recorded_cycles_is_an_answer(
     monkeypatch.setattr(
         "jaxhb.report.compute.steady_state", partial(jaxhb.steady_state, exact=False)
     )
-    called = run(f"{command} spur_pair --rpm 5000", "json", "csv")
-    assert (called.status, called.err) == (0, "")
-    (record,) = records_of(called)
-    (row,) = called.rows
-    assert (record["motion"]["kind"], record["converged"], record["status"]) == (
-        "periodic",
-        None,
-        None,
-    )
+    completed = run(f"{command} spur_pair --rpm 5000", "json", "csv")
+    assert completed.err == ""
+    record = record_of(completed)
+    (row,) = completed.rows
+    assert record["motion"]["kind"] == "periodic"
+    assert record == record | {"converged": None, "status": None}
     largest = float(solved.force(MESH).max)
-    assert record["meshes"][MESH]["max"] == pytest.approx(
-        largest, rel=0.01
-    )  # what a record is good for
-    assert (
-        float(row[f"{MESH} max N"]) == record["meshes"][MESH]["max"]
-        and row["status"] == ""
-    )
+    # A record is good for as much.
+    assert record["meshes"][MESH]["max"] == pytest.approx(largest, rel=0.01)
+    assert float(row[f"{MESH} max N"]) == record["meshes"][MESH]["max"]
+    assert row["status"] == ""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, told):
-    called = told(
-        f"{command} spur_pair --rpm 5000 --harmonics 16 --tolerance 1e-12", "json"
-    )
-    assert called.status == 1 and "TOLERANCE_NOT_MET" in called.err
-    assert [
-        (record["converged"], record["status"]) for record in records_of(called)
-    ] == [(False, "TOLERANCE_NOT_MET")]
+def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, run_once):
+    line = f"{command} spur_pair --rpm 5000 --harmonics 16 --tolerance 1e-12"
+    completed = run_once(line, "json", status=1)
+    assert "TOLERANCE_NOT_MET" in completed.err
+    record = record_of(completed)
+    assert record == record | {"converged": False, "status": "TOLERANCE_NOT_MET"}
 
 
 def test_only_what_is_unknown_or_beyond_its_limits_has_no_answer(solved, unsure):
     failed = dataclasses.replace(
         solved.response, status=np.int32(jaxhb.Status.TOLERANCE_NOT_MET)
     )
-    beyond = dataclasses.replace(
-        solved, state=dataclasses.replace(solved.state, response=failed)
-    )
-    unknown = dataclasses.replace(
-        solved, state=dataclasses.replace(solved.state, kind="unknown", response=None)
-    )
-    irregular = dataclasses.replace(
-        unsure, state=dataclasses.replace(unsure.state, kind="irregular", period=0)
-    )
-    every = [solved, unsure, irregular, beyond, unknown]
+    beyond = with_state(solved, response=failed)
+    unknown = with_state(solved, kind="unknown", response=None)
+    irregular = with_state(unsure, kind="irregular", period=0)
+    answers = [solved, unsure, irregular, beyond, unknown]
     share = f"{100 * irregular.state.record.spread:.2g} %"
-    assert (
-        f"would differ by up to {share} (two standard deviations)"
-        in motion_sentences([solved, irregular])[-1]
-    )
-    assert [answer.answered for answer in every] == [True, True, True, False, False]
-    assert [answer.converged for answer in every] == [True, None, None, False, False]
-    assert [answer.doubt for answer in every] == [
-        "",
-        "not confirmed",
-        "",
-        "not converged",
-        "",
+    sentence = motion_sentences([solved, irregular])[-1]
+    assert f"would differ by up to {share} (two standard deviations)" in sentence
+    rows = [
+        (
+            answer.answered,
+            answer.converged,
+            answer.doubt,
+            len(warnings([answer])),
+            answer_row(answer)[f"{MESH} max N"] is None,
+        )
+        for answer in answers
     ]
-    assert [len(warnings([answer])) for answer in every] == [0, 0, 0, 1, 1]
-    assert [answer_row(answer)[f"{MESH} max N"] is None for answer in every] == [
-        False
-    ] * 3 + [True] * 2
+    assert rows == [
+        (True, True, "", 0, False),
+        (True, None, "not confirmed", 0, False),
+        (True, None, "", 0, False),
+        (False, False, "not converged", 1, True),
+        (False, False, "", 1, True),
+    ]
 
 
+@pytest.mark.parametrize(
+    ("changes", "period", "word"),
+    [
+        ({}, "one cycle", "periodic"),
+        ({"kind": "subharmonic", "period": 2}, "2 cycles", "period 2"),
+    ],
+    ids=["periodic", "subharmonic"],
+)
 def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(
+    solved, unsure, changes, period, word
+):
+    answer = with_state(unsure, **changes)
+    assert motion_sentences([solved, answer])[1:] == [
+        f"The motion has a period of {period}, not confirmed by harmonic balance,"
+        " at 5000 rpm."
+    ]
+    assert motion_word(answer) == f"{word}, not confirmed"
+    confirmation = "; not confirmed by harmonic balance; numbers are the extremes over"
+    assert confirmation in motion_text(answer)
+    beginning = "Not confirmed by harmonic balance: the teeth hammer"
+    assert verdict(answer).startswith(beginning)
+    assert "not confirmed" in untraceable(answer)
+    assert "not confirmed" in certificate_of(answer)
+
+
+def test_a_number_that_harmonic_balance_did_not_confirm_has_a_question_mark(
     solved, unsure
 ):
-    twice = dataclasses.replace(
-        unsure, state=dataclasses.replace(unsure.state, kind="subharmonic", period=2)
-    )
-    for answer, period, word in (
-        (unsure, "one cycle", "periodic"),
-        (twice, "2 cycles", "period 2"),
-    ):
-        told = motion_sentences([solved, answer])[1:]
-        assert told == [
-            f"The motion has a period of {period}, not confirmed by harmonic balance,"
-            " at 5000 rpm."
-        ]
-        assert motion_word(answer) == f"{word}, not confirmed"
-        assert (
-            "; not confirmed by harmonic balance; numbers are the extremes over"
-            in motion_text(answer)
-        )
-        assert verdict(answer).startswith(
-            "Not confirmed by harmonic balance: the teeth hammer"
-        )
-        assert "not confirmed" in untraceable(
-            answer
-        ) and "not confirmed" in certificate_of(answer)
     table = speed_table([solved, unsure])
-    assert [
-        cell.endswith("?") for cell in table.columns[table.heads.index("with kN")]
-    ] == [False, True]
+    cells = table.columns[table.heads.index("with kN")]
+    assert [cell.endswith("?") for cell in cells] == [False, True]
     assert table.title == "?: not confirmed"
 
 
 def test_notes_of_a_report_do_not_repeat_a_speed_that_two_cases_have(unsure):
-    noted = dataclasses.replace(
-        unsure, state=dataclasses.replace(unsure.state, notes=("the record is short",))
-    )
-    assert [note for note in notes(noted, noted) if "record" in note] == [
-        "At 5000 rpm the record is short."
-    ]
+    noted = with_state(unsure, notes=("the record is short",))
+    sentences = [note for note in notes(noted, noted) if "record" in note]
+    assert sentences == ["At 5000 rpm the record is short."]

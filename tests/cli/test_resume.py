@@ -16,23 +16,26 @@ def train(tmp_path, monkeypatch):
     return jaxhb.load_scene("spur_pair")
 
 
-def done(train, asked):
+def folder_of(train, question):
+    """Folder of what a command has kept."""
+    return Unfinished([train], question).folder.folder
+
+
+def done(train, question):
     """The folder of a command that has run."""
-    kept = Unfinished([train], asked)
-    kept.run(lambda folder: (folder.folder / "found").write_text(""), str)
-    kept.forget()
-    return kept.folder.folder
+    unfinished = Unfinished([train], question)
+    unfinished.run(lambda folder: (folder.folder / "found").write_text(""), str)
+    unfinished.forget()
+    return unfinished.folder.folder
 
 
 def test_what_a_command_has_kept_is_there_until_it_is_done(train):
-    kept = Unfinished([train], ("sweep", [900.0]))
-    folder = kept.folder.folder
-    assert (
-        folder.is_dir()
-        and Unfinished([train], ("sweep", [900.0])).folder.folder == folder
-    )
-    assert Unfinished([train], ("sweep", [900.0000001])).folder.folder != folder
-    kept.forget()
+    unfinished = Unfinished([train], ("sweep", [900.0]))
+    folder = unfinished.folder.folder
+    assert folder.is_dir()
+    assert folder_of(train, ("sweep", [900.0])) == folder
+    assert folder_of(train, ("sweep", [900.0000001])) != folder
+    unfinished.forget()
     assert not folder.exists()
 
 
@@ -51,7 +54,8 @@ def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_don
     folders = []
     with pytest.raises(KeyboardInterrupt) as stop:
         all_of_them(stopped)
-    assert folders[0].exists() and GOES_ON in stop.value.__notes__[0]
+    assert folders[0].exists()
+    assert GOES_ON in stop.value.__notes__[0]
     folders.clear()
     all_of_them(lambda: "second")
     assert not any(folder.exists() for folder in folders)
@@ -59,21 +63,17 @@ def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_don
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no modes of files")
 @pytest.mark.parametrize(
-    "which", ["the cache", "all that is under way", "that of the command"]
+    "levels",
+    [2, 1, 0],
+    ids=["the cache", "all that is under way", "that of the command"],
 )
 def test_a_folder_in_which_others_could_write_is_not_used_and_that_is_told_once(
-    train, which, capsys
+    train, levels, capsys
 ):
-    folder = Unfinished([train], which).folder.folder
-    {"the cache": folder.parents[1], "all that is under way": folder.parent}.get(
-        which, folder
-    ).chmod(0o777)
-    assert (
-        Unfinished([train], which).folder is None
-        and Unfinished([train], which).folder is None
-    )
-    told = capsys.readouterr().err
-    assert (
-        told.count("is not kept on disk") == 1
-        and "Remove it with all that is in it" in told
-    )
+    folder = folder_of(train, levels)
+    (folder, *folder.parents)[levels].chmod(0o777)
+    for _ in range(2):
+        assert Unfinished([train], levels).folder is None
+    errors = capsys.readouterr().err
+    assert errors.count("is not kept on disk") == 1
+    assert "Remove it with all that is in it" in errors

@@ -10,7 +10,7 @@ import pytest
 from reference_data import reference, text_of
 
 import jaxhb
-from jaxhb.cli import commands
+from jaxhb.cli.progress import Progress
 from jaxhb.design import Objective, Parameter
 from jaxhb.design.table import read_table
 from jaxhb.report.compute import check_designs
@@ -20,6 +20,8 @@ from jaxhb.report.text.tuned import check_text
 from jaxhb.scene.writer import changed_scene
 
 TABLE = "\n" + text_of("diesel_tune.toml")
+SHAFT = "cyl6|flywheel"
+TORQUE = f"shaft torque of {SHAFT}"
 
 
 @pytest.fixture
@@ -35,165 +37,164 @@ def scene(tmp_path):
 
 
 @pytest.fixture
-def tune(scene, tmp_path, run):
-    """Runs a tuning; the files lie beside the folder of the scene."""
-    return lambda line="", *files: run(
-        f"tune {scene} --output {tmp_path / 'better.toml'} {line}", "json", *files
+def better(tmp_path):
+    """File of the tuned scene, beside the folder of the scene."""
+    return tmp_path / "better.toml"
+
+
+@pytest.fixture
+def tune(scene, better, run):
+    """Runs a tuning."""
+    return lambda options="", *files, status=0: run(
+        f"tune {scene} --output {better} {options}", "json", *files, status=status
     )
+
+
+def replace_in(path, old, new):
+    """Replace words of a file."""
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def swings_of(train, rpm):
+    """Half peak-to-peak torques of the shaft at the speeds."""
+    return jaxhb.solve_speeds(train, rpm=np.array(rpm)).torque(SHAFT).half_peak_to_peak
 
 
 @pytest.mark.slow
-def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, tune):
-    called = tune("--set cyl2.damping=3", "plot")
-    assert called.status == 0 and called.is_drawn
-    said = called.out
-    record = called.json
+def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, better, tune):
+    completed = tune("--set cyl2.damping=3", "plot")
+    record = completed.json
     before = jaxhb.load_scene(scene)
-    after = jaxhb.load_scene(tmp_path / "better.toml")
+    after = jaxhb.load_scene(better)
     assert after.value("cyl2.damping") == 3.0
-    for name, found in record["parameters"].items():
-        assert found["before"] == pytest.approx(before.value(name), rel=1e-12)
-        assert found["after"] == after.value(name) != found["before"]
+    for name, parameter in record["parameters"].items():
+        assert parameter["before"] == pytest.approx(before.value(name), rel=1e-12)
+        assert parameter["after"] == after.value(name) != parameter["before"]
     assert record["parameters"]["cyl1.damping"]["unit"] == "N m s/rad"
-    swing = record["readings"]["shaft torque of cyl6|flywheel"]
-    truth = (
-        jaxhb.solve_speeds(after, rpm=np.array(record["rpm"]))
-        .torque("cyl6|flywheel")
-        .half_peak_to_peak
-    )
+    swing = record["readings"][TORQUE]
+    truth = swings_of(after, record["rpm"])
     np.testing.assert_allclose(swing["after"], truth, rtol=1e-9)
     assert swing["unit"] == "N m"
     # Between the speeds lie resonances, which the tuning finds and makes smaller.
-    swings = {
-        when: record["checked"][when]["worst"]["shaft torque of cyl6|flywheel"]
-        for when in ("before", "after")
-    }
-    for when, design in (
-        ("before", before.replace({"cyl2.damping": 3.0})),
-        ("after", after),
+    designs = {"before": before.replace({"cyl2.damping": 3.0}), "after": after}
+    peaks = {}
+    for when, design in designs.items():
+        peaks[when] = record["checked"][when]["worst"][TORQUE]
+        response = jaxhb.solve(design, rpm=peaks[when]["rpm"])
+        value = float(response.torque(SHAFT).half_peak_to_peak)
+        assert peaks[when]["value"] == pytest.approx(value, rel=1e-9)
+        assert peaks[when]["value"] > max(swing[when])
+    worst = peaks["after"]
+    assert worst["value"] < peaks["before"]["value"]
+    # A penalty gives way a little.
+    assert record["readings"]["inertia added"]["after"] > -0.0063
+    numbers = [step["number"] for step in record["history"]]
+    assert numbers == list(range(len(numbers)))
+    assert record["solved"]["after"] == [True] * 4
+    assert not record["interrupted"]
+    assert record["followed"]
+    for words in (
+        f"{round(worst['value'], -1):.0f} N m at {worst['rpm']:.5g} rpm after",
+        "NOT within its limits",
+        "pulley.inertia",
+        "0.005 to 0.05",
+        "at least -0.006",
+        "Both designs",
     ):
-        peak = (
-            jaxhb.solve(design, rpm=swings[when]["rpm"])
-            .torque("cyl6|flywheel")
-            .half_peak_to_peak
-        )
-        assert swings[when]["value"] == pytest.approx(float(peak), rel=1e-9)
-        assert swings[when]["value"] > max(swing[when])
-    assert swings["after"]["value"] < swings["before"]["value"]
-    assert (
-        record["readings"]["inertia added"]["after"] > -0.0063
-    )  # a penalty gives way a little
-    assert [step["number"] for step in record["history"]] == list(
-        range(len(record["history"]))
-    )
-    assert record["solved"]["after"] == [True] * 4 and not record["interrupted"]
-    worst = swings["after"]
-    assert (
-        f"{round(worst['value'], -1):.0f} N m at {worst['rpm']:.5g} rpm after" in said
-    )
-    assert "NOT within its limits" in said and record["followed"]
-    assert (
-        "pulley.inertia" in said
-        and "0.005 to 0.05" in said
-        and "at least -0.006" in said
-    )
+        assert words in completed.out
     # A linear train does what was tuned.
     checked = record["steady_state"]["after"]
-    assert (checked["kind"], checked["differences"]) == (["periodic"] * 4, [])
-    np.testing.assert_allclose(
-        checked["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9
-    )
-    assert "Both designs" in said
-    old, new = (
-        path.read_text(encoding="utf-8") for path in (scene, tmp_path / "better.toml")
-    )
+    assert checked["kind"] == ["periodic"] * 4
+    assert checked["differences"] == []
+    np.testing.assert_allclose(checked["readings"][TORQUE], truth, rtol=1e-9)
+    check_what_differs(scene, better)
+
+
+def check_what_differs(scene, better):
+    """The tuned scene differs in a heading and three numbers."""
+    old, new = (path.read_text(encoding="utf-8") for path in (scene, better))
     assert tomllib.loads(new)["tune"] == tomllib.loads(TABLE)["tune"]
     lines = [
         line
         for line in difflib.ndiff(old.splitlines(), new.splitlines())
         if line[0] in "+-"
     ]
-    assert [line for line in lines if line[0] == "-"] == [
-        "- inertia = 0.017",
-        "- damping = 2.0",
-        "- damping = 2.0",
-    ]
-    assert lines[:2] == [f"+ # {scene}, tuned by jaxhb tune.", "+ "] and len(lines) == 8
+    removed = [line for line in lines if line[0] == "-"]
+    assert removed == ["- inertia = 0.017", "- damping = 2.0", "- damping = 2.0"]
+    assert lines[:2] == [f"+ # {scene}, tuned by jaxhb tune.", "+ "]
+    assert len(lines) == 8
+
+
+@pytest.fixture
+def stop_at(monkeypatch):
+    """Presses Ctrl-C when the progress says something."""
+
+    def stop(words):
+        say = Progress.say
+
+        def interrupted(progress, text):
+            say(progress, text)
+            if words in text:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(Progress, "say", interrupted)
+
+    return stop
 
 
 @pytest.mark.slow
-def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(
-    tmp_path, tune, monkeypatch
-):
-    note = commands._TunedFiles.note
-
-    def stop(files, step):
-        note(files, step)
-        if step.number == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands._TunedFiles, "note", stop)
-    called = tune()
-    record = called.json
-    assert called.status == 130 and "stopped by the user" in called.out
-    assert record["interrupted"] and len(record["history"]) == 3
-    best = record["history"][-1]["parameters"]
-    assert (
-        jaxhb.load_scene(tmp_path / "better.toml").value("pulley.inertia")
-        == best["pulley.inertia"]
-    )
+def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(better, tune, stop_at):
+    stop_at("step 2: ")
+    completed = tune(status=130)
+    record = completed.json
+    assert "stopped by the user" in completed.out
+    assert record["interrupted"]
+    assert len(record["history"]) == 3
+    inertia = record["history"][-1]["parameters"]["pulley.inertia"]
+    assert jaxhb.load_scene(better).value("pulley.inertia") == inertia
 
 
-@pytest.mark.parametrize("done", [4, 0])
 def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(
-    done, scene, tmp_path, tune, monkeypatch
+    scene, better, tune, stop_at
 ):
-    begin = commands._TunedFiles.begin
+    stop_at("4 of 4 speeds are solved")
+    completed = tune(status=130)
+    completed.check_printed("tune_stopped_at_the_start")
+    assert not better.exists()
+    record = completed.json
+    assert record == record | {"history": [], "interrupted": True}
+    start = record["start"]
+    assert start["solved"] == [True] * 4
+    truth = swings_of(jaxhb.load_scene(scene), record["rpm"])
+    np.testing.assert_allclose(start["readings"][TORQUE], truth, rtol=1e-9)
 
-    def stop(files, reading):
-        if done:
-            begin(files, reading)
+
+def test_ctrl_c_before_any_speed_is_solved_leaves_no_file(better, tune, monkeypatch):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands._TunedFiles, "begin", stop)
-    called = tune()
-    assert called.status == 130 and not (tmp_path / "better.toml").exists()
-    said = f"{done} of 4 speeds of the scene as it is are solved"
-    said += f", and their numbers are in {str(called.path('json'))!r}" * bool(done)
-    assert (
-        called.err
-        == f"stopped; no design is there yet and no scene is written; {said}\n"
-    )
-    assert called.path("json").exists() == bool(done)
-    if done:
-        record = called.json
-        assert (
-            record["history"] == []
-            and record["interrupted"]
-            and record["start"]["solved"] == [True] * 4
-        )
-        sweep = jaxhb.solve_speeds(jaxhb.load_scene(scene), rpm=np.array(record["rpm"]))
-        truth = sweep.torque("cyl6|flywheel").half_peak_to_peak
-        np.testing.assert_allclose(
-            record["start"]["readings"]["shaft torque of cyl6|flywheel"],
-            truth,
-            rtol=1e-9,
-        )
+    monkeypatch.setattr("jaxhb.design.tuning.tune", stop)
+    completed = tune(status=130)
+    completed.check_printed("tune_stopped_before_the_start")
+    assert not better.exists()
+    assert not completed.path("json").exists()
 
 
 @pytest.mark.slow
 def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
     train = jaxhb.load_scene(scene)
-    asked = read_table(train)
-    result = jaxhb.tune(train, **asked)
-    above, below = plot_tuning(asked["objective"], result).axes
+    question = read_table(train)
+    result = jaxhb.tune(train, **question)
+    above, below = plot_tuning(question["objective"], result).axes
     before, after = (line.get_ydata() for line in above.get_lines())
     digits = 0.5 * 10 ** (1 - DIGITS)
-    torque = result.checked["before"].readings["shaft torque of cyl6|flywheel"]
+    torque = result.checked["before"].readings[TORQUE]
     np.testing.assert_allclose(1e3 * before, torque, rtol=digits)  # drawn in kN m
     assert after.max() < before.max()
-    wanted = [step.objective for step in result.history]
-    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), wanted, rtol=digits)
+    objectives = [step.objective for step in result.history]
+    drawn = below.get_lines()[0].get_ydata()
+    np.testing.assert_allclose(drawn, objectives, rtol=digits)
 
 
 WRONG = reference("cases")["tables of a tuning"]
@@ -205,43 +206,33 @@ WRONG = reference("cases")["tables of a tuning"]
 def test_a_bad_table_is_told_and_nothing_is_written(
     old, new, sentence, scene, tmp_path, tune
 ):
-    scene.write_text(
-        scene.read_text(encoding="utf-8").replace(old, new), encoding="utf-8"
-    )
-    called = tune()
-    assert called.status == 2 and sentence in called.err
+    replace_in(scene, old, new)
+    assert sentence in tune(status=2).err
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]
 
 
 @pytest.mark.slow
-def test_a_limit_that_is_exceeded_is_told_and_a_folder_of_tables_is_made_beside_the_tuned_scene(
-    scene, tmp_path, tune
+def test_a_limit_that_is_exceeded_is_told_and_tables_lie_beside_the_tuned_scene(
+    scene, better, tune
 ):
     (scene.parent / "data").mkdir()
     name = "six_cylinder_diesel_pressure.csv"
     (scene.parent / name).rename(scene.parent / "data" / name)
-    scene.write_text(
-        scene.read_text(encoding="utf-8").replace(f'"{name}"', f'"data/{name}"'),
-        encoding="utf-8",
-    )
-    called = tune(
-        "--steps 1 --rpm 1440,1800,2166,2400"
-    )  # at 2166 rpm order 6 is in resonance
-    assert called.status == 0 and called.json["rpm"] == [1440.0, 1800.0, 2166.0, 2400.0]
-    told = called.out[called.out.index("NOT within its limits: ") :]
-    assert "shaft torque of cyl6|flywheel is" in told and "rpm, at most 5000." in told
-    assert (
-        jaxhb.load_scene(tmp_path / "better.toml").topology
-        == jaxhb.load_scene(scene).topology
-    )
+    replace_in(scene, f'"{name}"', f'"data/{name}"')
+    # At 2166 rpm order 6 is in resonance.
+    completed = tune("--steps 1 --rpm 1440,1800,2166,2400")
+    assert completed.json["rpm"] == [1440.0, 1800.0, 2166.0, 2400.0]
+    _, sentence = completed.out.split("NOT within its limits: ")
+    assert f"{TORQUE} is" in sentence
+    assert "rpm, at most 5000." in sentence
+    topologies = [jaxhb.load_scene(path).topology for path in (better, scene)]
+    assert topologies[0] == topologies[1]
 
 
 def test_another_table_of_the_same_name_is_not_overwritten(tmp_path, tune):
     mine = tmp_path / "six_cylinder_diesel_pressure.csv"
     mine.write_text("mine", encoding="utf-8")
-    called = tune()
-    assert called.status == 2
-    assert f"is another file than '{mine.name}' of the scene" in called.err
+    assert f"is another file than '{mine.name}' of the scene" in tune(status=2).err
     assert mine.read_text(encoding="utf-8") == "mine"
 
 
@@ -254,23 +245,21 @@ def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
     train = jaxhb.load_scene("spur_pair").replace(
         {"drive.mean": 12.5, "brake.mean": -12.5}
     )
-    asked = {
-        "rpm": np.array([4000.0, 6000.0]),
+    rpm = np.array([4000.0, 6000.0])
+    question = {
+        "rpm": rpm,
         "objective": [Objective(quantity="tooth force peak", of=mesh)],
-    }
-    asked |= {
         "parameters": [Parameter(name=f"{mesh}.damping", low=900.0, high=1200.0)],
         "penalties": [],
     }
-    result = jaxhb.tune(train, **asked, steps=1)
-    found = check_designs(train, asked, result)
-    state = jaxhb.steady_state(train, rpm=asked["rpm"])[1]
+    result = jaxhb.tune(train, **question, steps=1)
+    checked = check_designs(train, question, result)
+    assert checked["before"]["kind"] == ["periodic", "irregular"]
+    (sentence,) = checked["before"]["differences"]
+    state = jaxhb.steady_state(train, rpm=rpm)[1]
     orbit = result.before.readings[f"tooth force peak of {mesh}"][1]
-    assert found["before"]["kind"] == ["periodic", "irregular"]
-    (said,) = found["before"]["differences"]
-    forces = f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
-    assert (
-        said == f"The first design at 6000 rpm is irregular: tooth force peak of {mesh}"
-        f" {forces}"
+    assert sentence == (
+        f"The first design at 6000 rpm is irregular: tooth force peak of {mesh}"
+        f" {state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
     )
-    assert said in " ".join(check_text(found).split())
+    assert sentence in " ".join(check_text(checked).split())

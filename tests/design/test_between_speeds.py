@@ -191,7 +191,6 @@ FORCE = "tooth force of a|b"
 FEW = U * np.linspace(0.6, 1.6, 6)
 MANY = U * np.linspace(0.6, 1.6, 401)
 DAMPING = Parameter(name="a.damping", low=0.05, high=1.0)
-PARTING = {"harmonics": 24, "tolerance": 0.01}
 
 
 def loose_pair(alternating, damping_ratio=0.05):
@@ -204,7 +203,7 @@ def loose_pair(alternating, damping_ratio=0.05):
 
 def tooth_forces(train, rpm):
     """Tooth forces by a sweep, every speed of which is solved."""
-    sweep = jaxhb.solve_speeds(train, rpm=rpm, **PARTING)
+    sweep = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24, tolerance=0.01)
     assert np.asarray(sweep.solved).all()
     return np.asarray(sweep.force("a|b").half_peak_to_peak)
 
@@ -218,7 +217,8 @@ def test_the_peak_of_parting_teeth_between_speeds_is_that_of_a_fine_scan(alterna
     """
     train = loose_pair(alternating)
     forces = tooth_forces(train, MANY)
-    checked = check_between(train, FEW, Task((DAMPING,), (TEETH,), ()), **PARTING)
+    task = Task((DAMPING,), (TEETH,), ())
+    checked = check_between(train, FEW, task, harmonics=24, tolerance=0.01)
     value, speed = checked.worst(FORCE)
     assert value == pytest.approx(forces.max(), rel=5e-3)
     assert value >= forces.max() * (1 - 1e-6)
@@ -245,7 +245,8 @@ def tuned_pair(most, damping, steps=20):
         penalties=(penalty,),
         rpm=FEW,
         steps=steps,
-        **PARTING,
+        harmonics=24,
+        tolerance=0.01,
     )
     settings = table(damping, nothing, FEW, penalties=(penalty,))
     return result, "\n\n".join(tuned_parts(loose_pair(0.06), settings, result))
@@ -282,7 +283,7 @@ def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_s
 @pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_too(loose):
     train, parameter, objective, rpm, accuracy = (
-        (loose_pair(0.06), DAMPING, TEETH, FEW, PARTING)
+        (loose_pair(0.06), DAMPING, TEETH, FEW, {"harmonics": 24, "tolerance": 0.01})
         if loose
         else (TRAIN, OUTER, Objective(quantity="stress", of="shaft"), RPM, {})
     )

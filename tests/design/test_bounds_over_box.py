@@ -244,7 +244,7 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
     if train.tolerance:
         tolerances = read_tolerances(train)
     else:
-        first, second, *_ = train.topology.cylinders.names
+        first, second, *_ = train.topology.cylinder_names
         names = ["cyl4|cyl5.stiffness", "cyl5|cyl6.stiffness", "pulley.inertia"]
         names += [
             f"{first}.gas_factor",

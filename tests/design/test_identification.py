@@ -130,7 +130,7 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
 def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
     train = jaxhb.load_scene("six_cylinder_diesel")
     rng = np.random.default_rng(7)
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     truth = train.replace(
         {f"{name}.injection": 0.7 if name == names[4] else 1.0 for name in names}
     )

@@ -10,7 +10,7 @@ import numpy as np
 import optax
 import pytest
 import trains
-from differences import BOTH_SEPARATE, differences, tight_plan
+from differences import differences, separating_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
 
@@ -116,7 +116,7 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED, solved=False)
-PLAN = tight_plan(**BOTH_SEPARATE, estimated=True)
+PLAN = separating_plan(estimated=True)
 
 
 @cache

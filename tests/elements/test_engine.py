@@ -90,7 +90,7 @@ def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tm
     out = tmp_path / "out.toml"
     path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
-    assert train.topology.cylinders.names == ("port 1", "port 2")
+    assert train.topology.cylinder_names == ("port 1", "port 2")
     assert train.topology.cylinders.fires == (True, False)
     assert train.topology.cylinders.revolutions == (1, 1)
     assert train.value("port 2.combustion.start") == -4.5
@@ -110,7 +110,7 @@ def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
         cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0
     )
     train = load_scene("gear_train_30")
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     packaged = {name: train.value(f"{name}.firing_angle") for name in names}
     assert {f"cylinder {label}": angle for label, angle in computed.items()} == packaged
 
@@ -141,16 +141,19 @@ def test_vee_banks_add_up_as_published(alpha):
 
 
 def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
-    vee_six = {
-        "cylinders": 6,
-        "disks": ["a"] * 3,
-        "bank_angle": 90.0,
-        "firing_order": ["A1", "B1", "A2", "B2", "A3", "B3"],
-    }
-    crank = list(angles(**vee_six).values())
-    assert crank == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
-    even = list(angles(**vee_six, firing="even").values())
-    assert even == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
+    order = ["A1", "B1", "A2", "B2", "A3", "B3"]
+    crank, even = (
+        angles(
+            cylinders=6,
+            disks=["a"] * 3,
+            bank_angle=90.0,
+            firing_order=order,
+            firing=firing,
+        )
+        for firing in ("crank", "even")
+    )
+    assert list(crank.values()) == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
+    assert list(even.values()) == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
 
 
 def test_firing_intervals_are_those_given():
@@ -221,4 +224,4 @@ def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
     with pytest.raises(SceneError, match=sentence):
         build([*TRAIN, extra, engine()])
     train = build([*TRAIN, extra, single_cylinder("b")])
-    assert train.topology.cylinders.names == ("extra", "cylinder 1")
+    assert train.topology.cylinder_names == ("extra", "cylinder 1")

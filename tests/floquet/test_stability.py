@@ -181,6 +181,7 @@ def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
     )
     once = of_teeth(response)
     twice = of_teeth(repeated)
+    # Neither rounding nor 1, whose square is itself
     assert 0.01 < abs(once[0]) < 1
     np.testing.assert_allclose(
         np.sort_complex(twice), np.sort_complex(once**2), atol=1e-8

@@ -33,7 +33,7 @@ def mirrored(train):
     """
     angles = {
         f"{name}.firing_angle": -train.value(f"{name}.firing_angle")
-        for name in train.topology.cylinders.names
+        for name in train.topology.cylinder_names
     }
     return jaxhb.forced_response(
         train.replace(angles), rpm=np.array(DATA["rpm"], float)
@@ -96,4 +96,5 @@ def test_sense_of_the_firing_angles_moves_inner_shafts_only(sweep):
     sums = np.array([shaft.sum_of_amplitudes for shaft in shafts(sweep)])
     apart = np.abs(sums / table - 1).max(1)
     assert apart[[0, 1, 7]].max() < 1e-3
+    # The sense is seen, but does not decide.
     assert 0.01 < apart.max() < 0.05

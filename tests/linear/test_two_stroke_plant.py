@@ -233,6 +233,7 @@ def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(
         brentq(excess, 95.0, 103.0, xtol=1e-3),
     )
     np.testing.assert_allclose([misfire.low, misfire.high], edges, atol=0.02)
+    # A misfire leaves compression: its range is only just barred, a cut-off's is wide.
     assert 1.0 < misfire.share < 1.25
     assert cut_off.share > 2.5
     assert cut_off.low < misfire.low - 5.0

@@ -62,8 +62,7 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_scale_over_the_speed():
     numbers = numbers_of(tables)
     assert numbers["bore mm"] == "105"
     assert numbers["pressure"].endswith(", six_cylinder_diesel_pressure.csv")
-    beginning = "16 rows, rpm 997.847 to 2550.55, factor 0."
-    assert numbers["scale"].startswith(beginning)
+    assert numbers["scale"].startswith("16 rows, rpm 997.847 to 2550.55, factor 0.")
     assert numbers["scale"].endswith(", six_cylinder_diesel_peak_pressure.csv")
     over_speed = tables["Gas"]
     means = tables["Mean torques"]

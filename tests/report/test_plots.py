@@ -136,8 +136,7 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
     (bars,) = [
         trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"
     ]
-    width = np.ptp(figure.layout["xaxis"]["range"])
-    beside = 1800.0 + BESIDE * width
+    beside = 1800.0 + BESIDE * np.ptp(figure.layout["xaxis"]["range"])
     expected = [1800, 1800, None, 2000, 2000, None]
     expected += [beside, beside, None, beside + 200, beside + 200, None]
     np.testing.assert_allclose(
@@ -340,8 +339,7 @@ def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revoluti
     train = jaxhb.build(parts, revolutions_per_cycle=revolutions)
     linear = jaxhb.linear_response(train, rpm=100.0)
     answer = Answer(train, orbit_state(linear), linear, orbit=True)
-    picture = cycle_figure(answer, "a|b", (), "")
-    assert picture.layout["xaxis"]["dtick"] == step
+    assert cycle_figure(answer, "a|b", (), "").layout["xaxis"]["dtick"] == step
 
 
 def test_the_middle_of_the_sample_is_called_its_median():

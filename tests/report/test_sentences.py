@@ -58,8 +58,7 @@ def test_speeds_that_a_tuning_could_not_solve_are_named():
     rpm = np.array([1000.0, 1857.5, 2000.0])
     before = SimpleNamespace(solved=np.array([True, False, False]))
     after = SimpleNamespace(solved=np.array([True] * 3))
-    result = SimpleNamespace(before=before, after=after)
-    (sentence,) = _not_solved(rpm, result)
+    (sentence,) = _not_solved(rpm, SimpleNamespace(before=before, after=after))
     assert sentence.startswith(
         "NOT solved, and left out of what was made small: 1857.5, 2000 rpm before. "
     )

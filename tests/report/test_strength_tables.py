@@ -2,7 +2,6 @@
 none where a scene has none.
 """
 
-import csv
 import json
 import re
 
@@ -12,108 +11,95 @@ from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
-from jaxhb.cli.main import main
 from jaxhb.report.text.strength import AID
 
 SPEEDS = "300:960:23"
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    return write_scene(tmp_path_factory.mktemp("line"))
+@pytest.fixture
+def scene(tmp_path):
+    return write_scene(tmp_path)
 
 
 @pytest.fixture(scope="module")
-def strength(scene):
-    return strength_of(scene)
+def strength(tmp_path_factory):
+    return strength_of(write_scene(tmp_path_factory.mktemp("line")))
 
 
-def run(scene, capsys, command, *options):
-    """The text that a command prints, and the record that it writes."""
-    file = scene.with_name("r.json")
-    assert main([command, str(scene), *options, "--json", str(file)]) == 0
-    return capsys.readouterr().out, json.loads(file.read_text())
-
-
-def test_forced_lists_the_worst_over_the_speeds_and_bars_ranges(
-    scene, strength, capsys
-):
-    text, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
-    assert text.count(AID) == 4
-    assert "IACS UR M68" in text
-    assert "to be checked\nagainst its current text" in text
-    assert (
-        "They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53"
-        in text
-    )
-    limits = record["strength"]
+def test_forced_lists_the_worst_over_the_speeds_and_bars_ranges(scene, strength, run):
+    completed = run(f"forced {scene} --rpm {SPEEDS}", "json")
+    completed.check_printed("strength_forced")
+    limits = completed.json["strength"]
     stress = strength.stresses["line shaft"]
     stresses = limits["stresses"]["line shaft"]
-    assert stresses["stress_Pa"] == stress.stress.tolist()
-    assert stresses["continuous_Pa"][0] == stress.continuous[0]
+    (barred,) = strength.barred["line shaft"]
+    assert stresses == stresses | {
+        "stress_Pa": stress.stress.tolist(),
+        "barred": [vars(barred) | {"passable": barred.passable}],
+    }
     # The last speed is above 1.05 of the rated speed.
+    assert stresses["continuous_Pa"][0] == stress.continuous[0]
     assert stresses["continuous_Pa"][-1] is None
     assert limits["rated_rpm"] == 900
-    (barred,) = strength.barred["line shaft"]
-    assert stresses["barred"] == [vars(barred) | {"passable": barred.passable}]
-    assert (
+    sentence = (
         f"line shaft: {barred.low:.4g} to {barred.high:.4g} rpm, {barred.share:.2f} of"
-        " the continuous limit" in text
+        " the continuous limit"
     )
+    assert sentence in completed.out
     tooth = strength.tooth_torques["pinion|wheel"]
     mesh = limits["tooth_torques"]["pinion|wheel"]
-    assert mesh["vibratory_Nm"] == tooth.vibratory.tolist()
-    assert mesh["limit_Nm"] == pytest.approx(500.0)
-    assert mesh["reverses"] == tooth.reverses.tolist()
+    assert mesh == mesh | {
+        "vibratory_Nm": tooth.vibratory.tolist(),
+        "limit_Nm": pytest.approx(500.0),
+        "reverses": tooth.reverses.tolist(),
+    }
     assert list(limits["heat"]) == ["coupling", "ring"]
     assert limits["heat"]["ring"]["limit_W"] == 40.0
+
+
+def test_the_table_of_stresses_has_the_speed_of_the_largest_share(scene, strength, run):
+    output = run(f"forced {scene} --rpm {SPEEDS}").out
+    stress = strength.stresses["line shaft"]
     shares = stress.stress / stress.continuous
     worst = int(np.argmax(np.where(np.isfinite(stress.continuous), shares, 0)))
-    table = text[text.index("Torsional stress") :].split("\n\n")[0].splitlines()
-    cells = table[2].split()
+    cells = output[output.index("Torsional stress") :].splitlines()[2].split()
     assert float(cells[2]) == pytest.approx(stress.stress[worst] / 1e6, abs=0.01)
     assert float(cells[3]) == np.linspace(300.0, 960.0, 23)[worst]
     assert float(cells[6]) == pytest.approx(shares[worst], abs=0.006)
 
 
-def test_one_speed_has_its_limits_and_no_ranges(scene, strength, capsys):
-    text, _ = run(scene, capsys, "solve", "--rpm", "420")
-    assert "pinion|wheel       3873    500   624   7.75       yes" in text
-    text, record = run(scene, capsys, "solve", "--rpm", "600")
-    assert text.count(AID) == 3
-    assert "Barred" not in text
-    assert "barred" not in record["strength"]["stresses"]["line shaft"]
-    shaft = record["strength"]["stresses"]["line shaft"]
+def test_a_single_speed_has_its_limits_and_no_ranges(scene, strength, run):
+    run(f"solve {scene} --rpm 420").check_printed("strength_solve_420_rpm")
+    completed = run(f"solve {scene} --rpm 600", "json")
+    completed.check_printed("strength_solve_600_rpm")
+    limits = completed.json["strength"]
+    shaft = limits["stresses"]["line shaft"]
+    assert "barred" not in shaft
     place = int(np.argmin(np.abs(strength.rpm - 600.0)))
-    assert shaft["stress_Pa"] == pytest.approx(
-        strength.stresses["line shaft"].stress[place], rel=1e-6
-    )
-    assert shaft["continuous_Pa"] == pytest.approx(
-        strength.stresses["line shaft"].continuous[place], rel=1e-12
-    )
-    heat = record["strength"]["heat"]["ring"]["power_W"]
-    assert heat == pytest.approx(strength.heat["ring"].power[place], rel=1e-6)
+    stresses = strength.stresses["line shaft"]
+    assert shaft["stress_Pa"] == pytest.approx(stresses.stress[place], rel=1e-6)
+    limit = stresses.continuous[place]
+    assert shaft["continuous_Pa"] == pytest.approx(limit, rel=1e-12)
+    heat = strength.heat["ring"].power[place]
+    assert limits["heat"]["ring"]["power_W"] == pytest.approx(heat, rel=1e-6)
 
 
-def test_a_sweep_and_a_report_bar_ranges_too(scene, strength, capsys):
+@pytest.mark.parametrize("command", ["sweep", "report"])
+def test_a_sweep_and_a_report_bar_ranges_too(scene, strength, run, command):
     (barred,) = strength.barred["line shaft"]
-    for command in ("sweep", "report"):
-        text, record = run(scene, capsys, command, "--rpm", SPEEDS)
-        case = record["cases"][0] if command == "report" else record
-        (listed,) = case["strength"]["stresses"]["line shaft"]["barred"]
-        assert (listed["low"], listed["high"]) == pytest.approx(
-            (barred.low, barred.high), rel=1e-6
-        )
-        assert "Barred speed ranges between 300 and 930 rpm" in text
-        assert f"{barred.low:.4g} to {barred.high:.4g}" in text
+    completed = run(f"{command} {scene} --rpm {SPEEDS}", "json")
+    record = completed.json
+    case = record["cases"][0] if command == "report" else record
+    (listed,) = case["strength"]["stresses"]["line shaft"]["barred"]
+    limits = (barred.low, barred.high)
+    assert (listed["low"], listed["high"]) == pytest.approx(limits, rel=1e-6)
+    assert "Barred speed ranges between 300 and 930 rpm" in completed.out
+    assert f"{barred.low:.4g} to {barred.high:.4g}" in completed.out
 
 
 @pytest.mark.parametrize("command", ["forced", "sweep"])
-def test_the_csv_has_columns_of_the_limits(scene, strength, command):
-    file = scene.with_name("r.csv")
-    assert main([command, str(scene), "--rpm", "420,600", "--csv", str(file)]) == 0
-    with file.open() as text:
-        rows = list(csv.DictReader(text))
+def test_the_csv_has_columns_of_the_limits(scene, strength, run, command):
+    rows = run(f"{command} {scene} --rpm 420,600", "csv").rows
     stress = strength.stresses["line shaft"]
     tooth = strength.tooth_torques["pinion|wheel"]
     for row, place in zip(rows, (4, 10), strict=True):
@@ -122,15 +108,14 @@ def test_the_csv_has_columns_of_the_limits(scene, strength, command):
             for quantity in ("stress", "continuous limit", "transient limit")
         ]
         assert stresses == pytest.approx([values[place] for values in stress], rel=1e-5)
-        assert float(row["pinion|wheel vibratory torque N m"]) == pytest.approx(
-            tooth.vibratory[place], rel=1e-5
-        )
+        torque = float(row["pinion|wheel vibratory torque N m"])
+        assert torque == pytest.approx(tooth.vibratory[place], rel=1e-5)
         assert row["pinion|wheel reverses"] == str(bool(tooth.reverses[place]))
         assert float(row["ring limit of heat W"]) == 40.0
 
 
 @pytest.mark.parametrize("command", ["forced", "solve"])
-def test_a_scene_without_limits_mentions_none(tmp_path, capsys, command):
+def test_a_scene_without_limits_mentions_none(tmp_path, run, command):
     path = tmp_path / "plain.toml"
     keys = (
         "rated",
@@ -148,21 +133,21 @@ def test_a_scene_without_limits_mentions_none(tmp_path, capsys, command):
         '["wheel", "propeller"]', '["wheel", "propeller"]\nstiffness = 3e5'
     )
     path.write_text(scene_text)
-    text, record = run(path, capsys, command, "--rpm", "600")
-    assert AID not in text
-    assert "strength" not in record
+    completed = run(f"{command} {path} --rpm 600", "json")
+    assert AID not in completed.out
+    assert "strength" not in completed.json
 
 
 TUNE = "\n" + text_of("line_tune.toml")
 
 
 @pytest.mark.slow
-def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
+def test_a_tuning_keeps_the_stress_within_its_limit(tmp_path, run):
     path = tmp_path / "line.toml"
     path.write_text(SCENE + TUNE)
     out = tmp_path / "out"
     out.mkdir()
-    assert main(["tune", str(path), "--output", str(out / "tuned.toml")]) == 0
+    completed = run(f"tune {path} --output {out / 'tuned.toml'}")
     record = json.loads((out / "tuned.json").read_text())
     stress = record["readings"]["stress over continuous limit of line shaft"]
     heat = record["readings"]["power over limit of ring"]
@@ -187,7 +172,7 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     np.testing.assert_allclose(
         judged.stress / judged.continuous, stress["after"], rtol=1e-5
     )
-    text = capsys.readouterr().out
+    text = completed.out
     assert "stress over continuous limit of line shaft" in text
     assert "at most 1.6" in text
     # Without the limit between the speeds the tuning would end beyond it.
@@ -198,27 +183,21 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     )
 
 
-def test_speeds_for_which_the_rule_has_no_limit_are_not_judged(scene, capsys):
-    beyond = (
-        "Above 945 rpm, 1.05 of the rated speed, the rule has no limit: NOT judged;"
-        " largest there: line shaft "
-    )
-    assert main(["forced", str(scene), "--rpm", "900:1200:4"]) == 0
-    text = capsys.readouterr().out
+def test_speeds_for_which_the_rule_has_no_limit_are_not_judged(scene, run):
     rpm = np.linspace(900.0, 1200.0, 4)
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=rpm)
     above = jaxhb.strength(response).stresses["line shaft"].stress[1:]
-    speed = 1000 + 100 * int(above.argmax())
-    assert "No barred speed range between 900 and 900 rpm" in text
-    assert (
-        "Judged from 1 speed: resonances between them are NOT seen, take 50 or more."
-        " The rule looks up to 945" in text
+    sentence = (
+        "Above 945 rpm, 1.05 of the rated speed, the rule has no limit: NOT judged;"
+        f" largest there: line shaft {above.max() / 1e6:.4g} MPa at"
+        f" {rpm[1:][above.argmax()]:.0f} rpm."
     )
-    assert f"{beyond}{above.max() / 1e6:.4g} MPa at {speed} rpm." in text
-    assert main(["forced", str(scene), "--rpm", "1000:1200:3"]) == 0
-    text = capsys.readouterr().out
-    assert "arred speed range" not in text
-    assert beyond in text
+    completed = run(f"forced {scene} --rpm 900:1200:4")
+    completed.check_printed("strength_around_the_limit_of_the_rule")
+    assert sentence in completed.out
+    completed = run(f"forced {scene} --rpm 1000:1200:3")
+    completed.check_printed("strength_above_the_limit_of_the_rule")
+    assert sentence in completed.out
 
 
 @pytest.mark.parametrize(
@@ -229,7 +208,6 @@ def test_speeds_for_which_the_rule_has_no_limit_are_not_judged(scene, capsys):
     ],
 )
 def test_barred_ranges_say_from_how_many_speeds_they_were_judged(
-    scene, capsys, speeds, sentence
+    scene, run, speeds, sentence
 ):
-    assert main(["forced", str(scene), "--rpm", speeds]) == 0
-    assert sentence in capsys.readouterr().out
+    assert sentence in run(f"forced {scene} --rpm {speeds}").out

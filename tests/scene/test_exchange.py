@@ -189,7 +189,7 @@ def test_an_excitation_whose_torque_a_tors_file_does_not_tell_is_not_read_and_to
 ):
     motor = [disk("rotor", 4e-4) | {"excitation": excitation}, shaft("s", 1e4)]
     topology = load_scene(write(tmp_path, "box.json", gearbox(motor=motor))).topology
-    assert not topology.torques.names
+    assert not topology.torque_names
     (note,) = topology.notes
     assert "'motor.rotor' is not read" in note
     assert why in note
@@ -361,15 +361,14 @@ def test_elements_come_back_from_their_toml(tmp_path):
             rod=0.2,
         ),
     ]
-    head = {
-        "name": "all",
-        "reference": "a",
-        "revolutions_per_cycle": 4,
-        "tune": {"rpm": [1.0]},
-    }
-    train = load_scene(write(tmp_path, "all.toml", elements_text(parts, **head)))
-    assert same(train, build(parts, **head))
-    assert train.tune == {"rpm": [1.0]}
+    table = {"rpm": [1.0]}
+    built, text = (
+        make(parts, name="all", reference="a", revolutions_per_cycle=4, tune=table)
+        for make in (build, elements_text)
+    )
+    train = load_scene(write(tmp_path, "all.toml", text))
+    assert same(train, built)
+    assert train.tune == table
 
 
 @pytest.mark.parametrize(

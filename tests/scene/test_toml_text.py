@@ -7,13 +7,13 @@ import difflib
 import tomllib
 
 import pytest
-from reference_data import text_of
+from reference_data import PACKAGED, text_of
 
 from jaxhb.cli.main import main
 from jaxhb.elements.engine import cylinder_rows
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.toml_text import TomlText
-from jaxhb.scene.writer import _find, changed_scene, scene_text
+from jaxhb.scene.writer import changed_scene, scene_text
 
 MIXED = text_of("pump_drive.toml").removesuffix("\n")
 
@@ -52,7 +52,8 @@ def test_a_scene_is_written_as_it_is_but_for_its_name(mixed):
     text, _ = scene_text(mixed)
     assert changes(MIXED, text) == ([], ['name = "mixed"'])
     renamed, _ = scene_text("spur_pair", called="my pair")
-    assert changes(_find("spur_pair").read_text(), renamed) == (
+    original = (PACKAGED / "spur_pair.toml").read_text()
+    assert changes(original, renamed) == (
         ['name = "spur_pair"'],
         ['name = "my pair"'],
     )
@@ -60,8 +61,9 @@ def test_a_scene_is_written_as_it_is_but_for_its_name(mixed):
 
 @pytest.mark.parametrize("name", scene_names())
 def test_a_packaged_scene_is_written_byte_for_byte(name):
-    assert scene_text(name)[0] == _find(name).read_text(encoding="utf-8")
-    assert changed_scene(name, {})[0] == _find(name).read_text(encoding="utf-8")
+    original = (PACKAGED / f"{name}.toml").read_text(encoding="utf-8")
+    assert scene_text(name)[0] == original
+    assert changed_scene(name, {})[0] == original
 
 
 def test_the_line_ends_of_the_user_stay(tmp_path, capsys):

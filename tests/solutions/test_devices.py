@@ -22,23 +22,21 @@ rpm = np.linspace(0.4, 1.2, 7) * trains.ONE_RADIAN_PER_SECOND
 single = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24)
 spread = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24, devices=devices)
 assert (single.status == spread.status).all()
-assert single.converged.any()
-good = single.converged
-scale = np.abs(single.deflections[good]).max()
-assert np.abs(single.deflections - spread.deflections)[good].max() <= 1e-10 * scale
+assert single.converged.all()
+scale = np.abs(single.deflections).max()
+assert np.abs(single.deflections - spread.deflections).max() <= 1e-10 * scale
 
 # A march ends where its motion returns within 5e-5, and a transient that is irregular
-# enlarges rounding up to there. An irregular motion enlarges rounding until nothing is
-# left of it.
+# enlarges rounding up to there. An irregular motion, which would enlarge rounding until
+# nothing is left of it, is not among these.
 single = jaxhb.steady_state(train, rpm=rpm, harmonics=64, exact=False)
 spread = jaxhb.steady_state(train, rpm=rpm, harmonics=64, exact=False, devices=devices)
 assert (single.kind == spread.kind).all()
 assert (single.period == spread.period).all()
+assert set(single.kind) == {"periodic", "subharmonic"}
 for a, b in zip(single, spread):
-    if a.kind != "irregular":
-        peaks = [float(state.force("a", "b").max) for state in (a, b)]
-        assert abs(peaks[0] / peaks[1] - 1) < 1e-4, (a.rpm, a.kind, peaks)
-assert {"periodic", "subharmonic"} <= set(single.kind)
+    peaks = [float(state.force("a", "b").max) for state in (a, b)]
+    assert abs(peaks[0] / peaks[1] - 1) < 1e-4, (a.rpm, a.kind, peaks)
 
 double = _program.Program(lambda x: 2.0 * x)
 

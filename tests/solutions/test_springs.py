@@ -29,7 +29,7 @@ MIXED = {
 }
 
 
-def clutch(mean=20.0, **springs):
+def clutch(springs, mean=20.0):
     """An engine that drives a gear through a clutch disc."""
     parts = [
         jaxhb.Disk(name="engine", inertia=0.2, damping=0.3),
@@ -115,7 +115,7 @@ def integrated(response, rpm, springs, mean=20.0):
 )
 def test_motion_and_torque_follow_the_equations(springs):
     mean = 2.0 if "clearance" in springs else 20.0  # it goes through the play
-    train = clutch(mean, **springs)
+    train = clutch(springs, mean)
     response = jaxhb.solve(train, rpm=RPM, tolerance=1e-3)
     assert response
     twist, rate = integrated(response, RPM, springs, mean)
@@ -137,7 +137,7 @@ def test_motion_and_torque_follow_the_equations(springs):
 
 @pytest.mark.slow
 def test_a_march_records_the_same_torque():
-    train = clutch(**STAGED)
+    train = clutch(STAGED)
     state = jaxhb.steady_state(train, rpm=RPM)
     assert state.period == 1
     response = jaxhb.solve(train, rpm=RPM, tolerance=1e-3)
@@ -148,8 +148,8 @@ def test_a_march_records_the_same_torque():
 
 @pytest.mark.slow
 def test_below_the_first_stage_the_shaft_is_linear():
-    far = jaxhb.solve(clutch(stages=[(60.0, 3000.0)]), rpm=RPM)
-    linear = jaxhb.forced_response(clutch(), rpm=RPM)
+    far = jaxhb.solve(clutch({"stages": [(60.0, 3000.0)]}), rpm=RPM)
+    linear = jaxhb.forced_response(clutch({}), rpm=RPM)
     assert far
     np.testing.assert_allclose(
         far.angles[:, :5], linear.angles[:, :5], rtol=0, atol=PATHS
@@ -160,7 +160,7 @@ def test_below_the_first_stage_the_shaft_is_linear():
 def test_gradients_are_those_of_differences():
     names = ("disc.stages", "disc.stiffness", "disc.stops")
     step = 1e-3
-    train = clutch(stages=[(2.0, 800.0)], stops=[(3.0, 1500.0)])
+    train = clutch({"stages": [(2.0, 800.0)], "stops": [(3.0, 1500.0)]})
     (plan,) = planning.plan_speeds(
         train, np.array([RPM]), Request(harmonics=64, integrals="exact")
     )
@@ -188,7 +188,7 @@ def test_gradients_are_those_of_differences():
 
 @pytest.mark.slow
 def test_what_is_not_served_is_refused():
-    train = clutch(**MIXED)
+    train = clutch(MIXED)
     response = jaxhb.solve(train, rpm=RPM)
     refused(lambda: jaxhb.certify(response), "'disc': no bound", ValueError)
     refused(
@@ -203,7 +203,7 @@ def test_what_is_not_served_is_refused():
 
 @pytest.mark.slow
 def test_a_clutch_is_tuned_and_checked_by_marches():
-    train = clutch(**STAGED)
+    train = clutch(STAGED)
     rpm = np.linspace(500.0, 1200.0, 4)
     parameters = [
         Parameter(name="disc.stiffness", low=50.0, high=400.0),

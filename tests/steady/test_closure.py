@@ -57,7 +57,13 @@ def test_a_motion_has_the_period_that_it_repeats_or_approaches_and_no_other(name
     for cycles, periods in allowed.items():
         record = closure_of(lambda c, t: np.cos(2 * np.pi * t) + added(c, t), cycles)
         assert record.period() in periods
-    assert name != "an irregular motion" or not record.undecided()
+
+
+def test_an_irregular_motion_is_decided_to_have_no_period():
+    added, _ = ADDED["an irregular motion"]
+    record = closure_of(lambda c, t: np.cos(2 * np.pi * t) + added(c, t), 128)
+    assert record.period() == 0
+    assert not record.undecided()
 
 
 def test_a_slow_mode_that_teeth_notice_is_given_time():

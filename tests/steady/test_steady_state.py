@@ -162,7 +162,8 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         assert signal.rms <= signal.peak
         assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
         assert signal.order(1.0) > 0
-        # The same quantity in the same unit, at another speed.
+        # The same quantity at another speed, of another size, but in the same unit:
+        # wrong units are 57 or 1000 times as large.
         assert 0.2 < signal.rms / other.rms < 5
     # Half the speed of the crank.
     half_speed = np.pi / 60 * 2400.0
@@ -172,6 +173,7 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         lambda motion: motion.power("throw 1", "throw 2"),
         lambda motion: motion.power("crank damper"),
     ):
+        # Heat grows with the square of the speeds of both ends.
         assert 0.2 < read(state) / read(response) < 20
     assert np.isnan(state.power("crank gear|idler"))
     forward = state.force("crank gear", "idler")

@@ -118,6 +118,7 @@ def test_light_teeth_that_never_part_move_as_with_a_closed_gap():
     """
     train = pair(mean=10.0, alternating=7.0)
     closed = jaxhb.linear_response(train, rpm=48000.0).force("a", "b")
+    # The teeth never part and come close to it.
     assert 0.2 < closed.min / closed.mean < 0.35
 
     def error(transition):

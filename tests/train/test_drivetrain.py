@@ -60,11 +60,11 @@ def test_elements_without_a_name_are_called_by_their_disks():
         Cylinder(disk="a", fires=False),
     ]
     topology = build(parts, reference="a").topology
-    assert topology.torques.names == ("a:torque", "a:torque#2")
+    assert topology.torque_names == ("a:torque", "a:torque#2")
     assert topology.shaft_names == ("b|c", "b|c#2")
     assert topology.ground_names == ("c:ground",)
     assert topology.load_names == ("c:load",)
-    assert topology.cylinders.names == ("a:cylinder",)
+    assert topology.cylinder_names == ("a:cylinder",)
     refused(
         lambda: topology.link_index("b", "c"),
         r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one",

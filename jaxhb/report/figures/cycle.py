@@ -198,7 +198,7 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
             shapes += bands(steps.reshape(-1, 2) * answer.cycle_deg / SAMPLES, panel)
     zero = (
         " (0: firing top dead centre of a cylinder with firing angle 0)"
-        if answer.topology.cylinders.names
+        if answer.topology.cylinder_names
         else ""
     )
     remark = " over the period"

@@ -102,7 +102,7 @@ def excitation_tables(report: Report) -> list[Table]:
     mean torques over the speed, orders. Of cylinders that differ in nothing but their
     firing angle and their throw the first stands for all.
     """
-    names = report.train.topology.cylinders.names
+    names = report.train.topology.cylinder_names
     first: dict[str, str] = {}
     first_of_facts: dict[tuple, str] = {}
     for name, files in zip(
@@ -231,7 +231,7 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
     rows = []
     charges = charges_of(report.train, rpm)
     means = mean_gas_torques(cylinders, topology.cylinders, speeds)
-    for i in sorted({topology.cylinders.names.index(name) for name in first.values()}):
+    for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
         turns = topology.cylinders.revolutions[i]
         swept = np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
@@ -255,7 +255,7 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
                     f"{angle - period * (angle > period / 2):.1f}",
                     imep,
                 ]
-            name = topology.cylinders.names[i]
+            name = topology.cylinder_names[i]
             load, charge = (
                 (column[k] for column in charges[name])
                 if name in charges
@@ -343,7 +343,7 @@ def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
     sources = [
         (name, "N m", harmonics, values)
         for name, harmonics, values in zip(
-            topology.torques.names,
+            topology.torque_names,
             topology.torques.harmonics,
             train.torques.harmonics,
             strict=True,
@@ -352,7 +352,7 @@ def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
     sources += [
         (f"gas torque of {name}, firing at 0", "N m", harmonics, values)
         for name, harmonics, values in zip(
-            topology.cylinders.names,
+            topology.cylinder_names,
             topology.cylinders.harmonics,
             train.cylinders.gas_torque,
             strict=True,

@@ -368,7 +368,7 @@ def charges_of(
     rpm = np.array(speeds, dtype=float)
     loads = load_share(train.cylinders, rpm)
     charge, _ = charge_pressures(train.cylinders, rpm)
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     return {
         names[i]: (loads[:, i].tolist(), (1e-5 * charge[:, k]).tolist())
         for k, i in enumerate(burning.seats)

@@ -185,7 +185,7 @@ def _unusual(
 def _sizes(train: DriveTrain) -> Iterator[Note]:
     """Notes on fields of cylinders in other units; a field that is 0 is absent."""
     cylinders = train.cylinders
-    names = train.topology.cylinders.names
+    names = train.topology.cylinder_names
     for field in (
         "bore",
         "stroke",
@@ -208,7 +208,7 @@ def _sizes(train: DriveTrain) -> Iterator[Note]:
 def _masses(train: DriveTrain) -> Iterator[Note]:
     """Notes on reciprocating masses that are unusual for their bore."""
     cylinders = train.cylinders
-    for i, name in enumerate(train.topology.cylinders.names):
+    for i, name in enumerate(train.topology.cylinder_names):
         mass = cylinders.reciprocating_mass[i]
         bore = cylinders.bore[i]
         if not 0 < bore < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
@@ -244,7 +244,7 @@ def _pressures(train: DriveTrain) -> Iterator[Note]:
     cylinders = train.cylinders
     percent = _in_percent(train)
     for i, value in percent.items():
-        yield from _unusual("cylinder", topology.cylinders.names[i], "load", value)
+        yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
     # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which
     # torques have a point.
     cycles = gas_pressures(cylinders, topology.cylinders, speeds_of(train))
@@ -259,7 +259,7 @@ def _pressures(train: DriveTrain) -> Iterator[Note]:
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     compressing = compressors(train)
-    for i, name in enumerate(topology.cylinders.names):
+    for i, name in enumerate(topology.cylinder_names):
         peak = peaks[i]
         angle = angles[farthest[i], i]
         source = topology.cylinders.source[i]
@@ -316,7 +316,7 @@ def _charges(train: DriveTrain) -> Iterator[Note]:
         text += f" (load {loads[slowest, i]:.3g}), {full:.4g} Pa at full load"
         text = _EXPONENT.sub(r"e\1", text)
         question = "give charge_over_load or charge_over_rpm where it is known"
-        yield "cylinder", train.topology.cylinders.names[i], f"{text}: {question}"
+        yield "cylinder", train.topology.cylinder_names[i], f"{text}: {question}"
 
 
 def compressors(train: DriveTrain) -> set[int]:
@@ -338,7 +338,7 @@ def compressors(train: DriveTrain) -> set[int]:
         (angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])
     ).all(axis=0)
     means = mean_torques(train, speeds)
-    takes_power = (means[:, len(topology.torques.names) :] < 0.0).all(axis=0)
+    takes_power = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
     return set(
         np.flatnonzero(one_revolution & computed & peaks_before & takes_power).tolist()
     )
@@ -349,7 +349,7 @@ def _firings(train: DriveTrain) -> Iterator[Note]:
     topology = train.topology
     factor = train.cylinders.gas_factor
     cranks: dict[tuple[int, float], list[tuple[float, str]]] = {}
-    for i, name in enumerate(topology.cylinders.names):
+    for i, name in enumerate(topology.cylinder_names):
         if topology.cylinders.fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinders.source[i] in COMPUTED
             gas_turns = topology.cylinders.revolutions[i] * topology.cylinders.every[i]
@@ -385,12 +385,12 @@ def _drives(train: DriveTrain) -> Iterator[Note]:
     if not any(topology.cylinders.fires):
         return
     means = mean_torques(train, speeds_of(train))
-    count = len(topology.torques.names)
+    count = len(topology.torque_names)
     # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:
         return
     for name, mean in zip(
-        topology.torques.names, means[:, :count].max(axis=0, initial=0.0), strict=True
+        topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True
     ):
         if mean > 0:
             question = "what takes power has a negative mean"

@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from reference_data import reference
+from reference_data import PACKAGED, reference
 from trains import branched_parts, branched_thirty, build, gearbox_parts, pinions_parts
 
 import jaxhb
-from jaxhb.scene.files import _folder, load_scene
+from jaxhb.scene.files import load_scene
 from jaxhb.train.checks.plausible import plausibility
 
 ENGINE = "inline_four_timing_drive"
@@ -41,8 +41,8 @@ def scene(tmp_path):
     """Writes the inline four with replaced texts and pressures, and returns its
     notes.
     """
-    text = (_folder() / f"{ENGINE}.toml").read_text(encoding="utf-8")
-    rows = np.loadtxt(_folder() / TABLE, delimiter=",")
+    text = (PACKAGED / f"{ENGINE}.toml").read_text(encoding="utf-8")
+    rows = np.loadtxt(PACKAGED / TABLE, delimiter=",")
 
     def notes(*changes, pressure=lambda angle, p: (angle, p)):
         changed = text
