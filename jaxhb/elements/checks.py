@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -99,12 +99,6 @@ def _scenario_errors(
     if name not in places:
         return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
     (table, index) = places[name]
-    kinds = ("number", "flag")
-    fields = {
-        declared.name: declared
-        for declared in dataclasses.fields(TABLES[table])
-        if declared.metadata["kind"] in kinds
-    }
     has_orders = field in ORDER_ROWS
     rows = getattr(parts.tables[table][index], field, None) if has_orders else None
     if rows:
@@ -116,14 +110,13 @@ def _scenario_errors(
         return [
             f"{key} has other orders than the scene, must have {listed}, in this order."
         ]
-    if field not in fields:
-        return [
-            f"a [[{table}]] as {name!r} has no number"
-            f" {shown(field)}.{suggestion(field, fields)}"
-        ]
-    if isinstance(value, list):
-        return [f"{key} is {shown(value)}, must be a number."]
-    return field_errors(repr(name), fields[field], value) or []
+    return _number_errors(
+        TABLES[table],
+        ("number", "flag"),
+        (key, field, value),
+        f"a [[{table}]] as {name!r}",
+        repr(name),
+    )
 
 
 def _combustion_errors(
@@ -134,19 +127,36 @@ def _combustion_errors(
     combustion = getattr(parts.tables[table][index], "combustion", None)
     if not isinstance(combustion, Combustion):
         return [f"{name!r} has no combustion. Build the scene with one."]
+    return _number_errors(
+        Combustion,
+        ("number",),
+        (f"{name}.combustion.{field}", field, value),
+        f"the combustion of {name!r}",
+        f"{name!r}, combustion",
+    )
+
+
+def _number_errors(
+    cls: type,
+    kinds: Collection[str],
+    setting: tuple[str, str, Any],
+    holder: str,
+    where: str,
+) -> list[str]:
+    """Sentences on a number (key, field, value) of a scenario, of a field of one of the
+    ``kinds`` of ``cls``; ``holder`` and ``where`` say whose it is.
+    """
+    key, field, value = setting
     fields = {
         declared.name: declared
-        for declared in dataclasses.fields(combustion)
-        if declared.metadata["kind"] == "number"
+        for declared in dataclasses.fields(cls)
+        if declared.metadata["kind"] in kinds
     }
     if field not in fields:
-        return [
-            f"the combustion of {name!r} has no number"
-            f" {field!r}.{suggestion(field, fields)}"
-        ]
+        return [f"{holder} has no number {shown(field)}.{suggestion(field, fields)}"]
     if isinstance(value, list):
-        return [f"{name}.combustion.{field} is {shown(value)}, must be a number."]
-    return field_errors(f"{name!r}, combustion", fields[field], value) or []
+        return [f"{key} is {shown(value)}, must be a number."]
+    return field_errors(where, fields[field], value) or []
 
 
 LINKS = ("shaft", "mesh")

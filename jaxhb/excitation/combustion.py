@@ -74,7 +74,7 @@ def pressures(
     three.
 
     Arrays [n]: bore, stroke and rod in m, and by their names the :data:`NUMBERS` of a
-    :class:`~jaxhb.elements.elements.Combustion`. ``revolutions`` of the crank in a gas
+    :class:`~jaxhb.Combustion`. ``revolutions`` of the crank in a gas
     cycle, 2 (four-stroke) or 1, of ``samples`` equal steps, a multiple of 4.
     """
     columns = (bore, stroke, rod, *(numbers[name] for name in NUMBERS))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, namespace, remembered
 from jaxhb.equations import fourier
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
-from jaxhb.excitation.gas import components, unburnt_weights, weights
+from jaxhb.excitation.gas import components, in_groups, unburnt_weights, weights
 from jaxhb.excitation.tables import Cylinders, GasCycles
 
 
@@ -53,10 +53,8 @@ def _over_several_cycles(
     xp = namespace(torque)
     samples = torque.shape[-1]
     half = samples // 2
-    groups = []
-    members = []
-    for cycles in sorted(set(every)):
-        rows = np.flatnonzero(np.array(every) == cycles)
+
+    def of_group(cycles: int, rows: np.ndarray) -> Array:
         of_rows = torque[:, rows]
         between = xp.zeros((*of_rows.shape[:-1], (cycles - 1) * samples))
         with_injection = xp.concatenate(
@@ -70,10 +68,9 @@ def _over_several_cycles(
         without = xp.concatenate([zeros, idle, zeros], axis=-1)
         outside = xp.concatenate([ambient[None, rows]] * cycles, axis=-1)
         signal = xp.concatenate([with_injection, without, outside])
-        groups.append(fourier.analyze(signal, half))
-        members.append(rows)
-    order = np.argsort(np.concatenate(members))
-    harmonics = xp.concatenate(groups, axis=1)[:, order]
+        return fourier.analyze(signal, half)
+
+    harmonics = in_groups(every, of_group)
     return harmonics[:-1], harmonics[-1]
 
 

@@ -162,24 +162,32 @@ def _parts(
     return parts
 
 
+def in_groups(
+    keys: Sequence[int], of_group: Callable[[int, np.ndarray], Array]
+) -> Array:
+    """Join ``of_group(key, rows)`` [J, rows, ...] of the rows with equal ``keys`` [n],
+    in the order of the rows.
+    """
+    distinct = sorted(set(keys))
+    groups = [np.flatnonzero(np.array(keys) == key) for key in distinct]
+    parts = [of_group(key, rows) for key, rows in zip(distinct, groups, strict=True)]
+    order = np.argsort(np.concatenate(groups))
+    return namespace(parts).concatenate(parts, axis=1)[:, order]
+
+
 def _of_tables(cylinders: Cylinders, cycles: GasCycles, pressure: Array) -> Array:
     """Pressure tables [J, nc, M] without injection."""
-    revolutions = np.array(cycles.revolutions)
-    # Two- and four-strokes have other angles at the same sample.
-    groups = [
-        np.flatnonzero(revolutions == turns)
-        for turns in sorted(set(revolutions.tolist()))
-    ]
     xp = namespace(cylinders, pressure)
-    tables = []
-    for rows in groups:
+
+    def of_group(revolutions: int, rows: np.ndarray) -> Array:
         stroke = xp.asarray(cylinders.stroke)[rows]
         rod = xp.asarray(cylinders.rod)[rows]
         # Cylinders without pressures may have none
         stroke = xp.where(stroke > 0.0, stroke, 1.0)
-        turns = int(revolutions[rows[0]])
-        tables.append(unburnt_table(pressure[:, rows], stroke, rod, revolutions=turns))
-    return xp.concatenate(tables, axis=1)[:, np.argsort(np.concatenate(groups))]
+        return unburnt_table(pressure[:, rows], stroke, rod, revolutions=revolutions)
+
+    # Two- and four-strokes have other angles at the same sample.
+    return in_groups(cycles.revolutions, of_group)
 
 
 def weights(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
@@ -365,14 +373,8 @@ def _by_strokes(
     table = cylinders.combustion
     assert table is not None
     xp = namespace(cylinders)
-    revolutions = np.array(table.revolutions)
-    # Two- and four-strokes have other angles at the same sample.
-    groups = [
-        np.flatnonzero(revolutions == turns)
-        for turns in sorted(set(revolutions.tolist()))
-    ]
-    pressure = []
-    for rows in groups:
+
+    def of_group(revolutions: int, rows: np.ndarray) -> Array:
         seats = np.array(table.seats)[rows]
         numbers = {
             name: xp.asarray(getattr(table, name))[rows]
@@ -383,9 +385,10 @@ def _by_strokes(
             for name in ("bore", "stroke", "rod")
         }
         numbers["by_work"] = np.array(table.by_work)[rows]
-        pressure.append(pressures_of(numbers, int(revolutions[rows[0]])))
-    order = np.argsort(np.concatenate(groups))
-    return namespace(pressure).concatenate(pressure, axis=1)[:, order]
+        return pressures_of(numbers, revolutions)
+
+    # Two- and four-strokes have other angles at the same sample.
+    return in_groups(table.revolutions, of_group)
 
 
 def _with_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:

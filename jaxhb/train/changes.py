@@ -144,7 +144,10 @@ def scene_values(
 
 _VARYING = {key: links for links, (key, _) in NEEDS.items()}
 _INNER = {
-    field: cls for kind in EXCITATIONS.values() for field, cls in kind.inner.items()
+    field.name: field.metadata["of"]
+    for cls in TABLES.values()
+    for field in dataclasses.fields(cls)
+    if "of" in field.metadata
 }
 
 

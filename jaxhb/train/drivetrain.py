@@ -251,47 +251,36 @@ class DriveTrain(TrainArrays):
         >>> train.topology.cylinders.fires
         (True, True, False, True, True, True)
         """
-        injected = [name not in cylinders for name in self._known_cylinders(cylinders)]
-        fires = tuple(
-            is_injected and fires_now
-            for is_injected, fires_now in zip(
-                injected, self.topology.cylinders.fires, strict=True
-            )
-        )
-        return dataclasses.replace(
-            self, topology=self.topology.with_cylinders(fires=fires)
-        )
+        return self._with_flag("fires", cylinders, False)
 
     def cut_off(self, *cylinders: str) -> DriveTrain:
         """Return the train with cylinders, by their names, that have no gas torque at
         all, neither of combustion nor of compression, as with valves that stay open;
         the inertia torque stays. :class:`SceneError` as :meth:`misfire`.
         """
-        newly_cut = [name in cylinders for name in self._known_cylinders(cylinders)]
-        cut_off = tuple(
-            is_cut or was_cut
-            for is_cut, was_cut in zip(
-                newly_cut, self.topology.cylinders.cut_off, strict=True
-            )
-        )
-        return dataclasses.replace(
-            self, topology=self.topology.with_cylinders(cut_off=cut_off)
-        )
+        return self._with_flag("cut_off", cylinders, True)
 
-    def _known_cylinders(self, cylinders: Sequence[str]) -> tuple[str, ...]:
-        """Names of all cylinders; refuses ``cylinders`` with a name that none has."""
-        names = self.topology.cylinder_names
-        unknown = [name for name in cylinders if name not in names]
+    def _with_flag(
+        self, field: str, cylinders: Sequence[str], flag: bool
+    ) -> DriveTrain:
+        """The train with a flag of some cylinders, all of which it has to have."""
+        seats = self.topology.cylinders
+        unknown = [name for name in cylinders if name not in seats.names]
         if unknown:
             where = self.topology.title
             raise SceneError(
                 [
                     f"{where}: there is no cylinder"
-                    f" {shown(name)}.{suggestion(name, names)}"
+                    f" {shown(name)}.{suggestion(name, seats.names)}"
                     for name in unknown
                 ]
             )
-        return names
+        flags = tuple(
+            flag if name in cylinders else before
+            for name, before in zip(seats.names, getattr(seats, field), strict=True)
+        )
+        topology = self.topology.with_cylinders(**{field: flags})
+        return dataclasses.replace(self, topology=topology)
 
     def misfires(self) -> dict[str, DriveTrain]:
         """Return the trains without one cylinder each that fires: every such cylinder

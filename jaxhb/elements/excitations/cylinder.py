@@ -24,7 +24,6 @@ from jaxhb.elements.columns import collected, column, padded, scales
 from jaxhb.elements.excitations.crank_slider import (
     Combustion,
     Cylinder,
-    Trace,
     cylinder_errors,
 )
 from jaxhb.elements.excitations.kind import (
@@ -118,7 +117,6 @@ class CylinderKind(Excitation):
     order_rows = "gas_torque"
     of_engines = True
     ones = ("gas_factor", "injection")
-    inner = {"traces": Trace, "combustion": Combustion}
 
     def errors(self, element: Cylinder) -> list[str]:
         return cylinder_errors(element)

@@ -85,7 +85,6 @@ class Excitation:
         :class:`Seats`, "" without any
     of_engines : bool, whether elements "port 1", "port 2" are those of an engine "port"
     ones : tuple of str, numbers that are 1 where the train has none
-    inner : dict, the elements of tables inside an element, by field
     """
 
     element: ClassVar[type[Any]]
@@ -94,7 +93,6 @@ class Excitation:
     order_rows: ClassVar[str] = ""
     of_engines: ClassVar[bool] = False
     ones: ClassVar[tuple[str, ...]] = ()
-    inner: ClassVar[Mapping[str, type[Any]]] = {}
 
     def errors(self, element: Any) -> list[str]:
         """Check keys of an element against each other."""
