@@ -67,7 +67,7 @@ def response_at(curve: HarmonicCurve, plan: Plan, y: np.ndarray) -> Response:
         curve.train, float(curve.rpm), curve.parameter, curve.value(y)
     )
     begin = first_start(plan, given=np.asarray(curve.deflection(y)))
-    problem = problem_at(train, rpm, curve.plan.excited)
+    problem = problem_at(train, rpm, curve.shape.excited)
     response, _ = solve_once(train, rpm, problem, plan, begin)
     return response
 
@@ -443,7 +443,7 @@ def follow(
         scale=np.asarray(float(scale)),
         active_meshes=plan.active_meshes,
         parameter=parameter,
-        plan=plan.static,
+        shape=plan.shape,
     )
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
@@ -506,7 +506,7 @@ def _doubled(
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
     one_period = np.asarray(curve.deflection(y))
     curve = replace(
-        curve, train=train, active_meshes=plan.active_meshes, plan=plan.static
+        curve, train=train, active_meshes=plan.active_meshes, shape=plan.shape
     )
     two_periods = np.zeros((len(one_period), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(two_periods)

@@ -11,13 +11,14 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
 from jaxhb.balance.plan import (
     MOST_HARMONICS,
+    FailedGradient,
     Plan,
     Request,
     check_harmonics,
@@ -276,7 +277,9 @@ def plan(
         decided = _plan_of_several(train, speeds, request, active)
     else:
         decided = _plan_of_one(train, rpm, request)
-    return dataclasses.replace(decided, failed_gradient=failed_gradient)
+    return dataclasses.replace(
+        decided, failed_gradient=cast(FailedGradient, failed_gradient)
+    )
 
 
 def _plan_of_one(train: DriveTrain, rpm: Any, request: Request) -> Plan:

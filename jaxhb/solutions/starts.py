@@ -86,7 +86,7 @@ class Case:
     @cached_property
     def problem(self) -> Problem:
         """The equations at this speed."""
-        return problem_at(self.train, self.rpm, self.plan.static.excited)
+        return problem_at(self.train, self.rpm, self.plan.shape.excited)
 
     @property
     def settled(self) -> bool:
@@ -229,7 +229,8 @@ def sweep(case: Case) -> None:
         return
     case.response = swept.solve(float(case.rpm))
     case.path += case.response.path
-    case.reached = case.resolved(swept.plan_of(case.response.harmonics))
+    plan = dataclasses.replace(swept.plan, harmonics=case.response.harmonics)
+    case.reached = case.resolved(plan)
     case.solved = not case.status.another_start_may_help
 
 
@@ -241,7 +242,7 @@ def compile_ahead(case: Case) -> Future | None:
     nothing = np.zeros((len(plan.active_meshes.mask), 1), dtype=complex)
     begin = first_start(plan, given=nothing)
     return solve_problem.compile_ahead(
-        case.problem, plan.active_meshes, begin, plan.goals, plan.static
+        case.problem, plan.active_meshes, begin, plan.goals, plan.shape
     )
 
 

@@ -4,7 +4,6 @@ with as many steps as they need, at any speed.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -145,8 +144,7 @@ class SweptTrain:
                 break
         # The finest of the best.
         best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))
-        reached = self.plan_of(best.deflection.shape[-1] - 1)
-        return response_of(self.train, rpm, problem, best, reached, path)
+        return response_of(self.train, rpm, problem, best, path)
 
     def sweep_plans(self, rpm: float, steps: int = 0) -> list[SweepPlan]:
         """The plans that are tried at a speed one after another, with more and more
@@ -176,7 +174,3 @@ class SweptTrain:
         highest = listed_harmonic(self.train.topology)
         motions = linear_motions(self.train, [rpm], system, meshes, highest)
         return linear_start(motions)[0]
-
-    def plan_of(self, harmonics: int) -> Plan:
-        """The plan under which Newton's method has so many harmonics."""
-        return dataclasses.replace(self.plan, harmonics=harmonics)
