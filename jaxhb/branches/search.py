@@ -4,7 +4,7 @@ in, and those that repel.
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -192,44 +192,44 @@ def searched(
     """Yield the Responses of the motions of one cycle that searches find, some more
     than once; each has the path that led to it.
     """
-    case = starts.Case(train, rpm, request, plan)
+    attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan))
     if not train.topology.has_law.any():
-        yield from _attempted(case, starts.from_contact)
+        yield from _attempted(attempts, starts.in_contact(attempts))
         return
     # Teeth that the linear motion holds on a flank another motion may separate.
-    case.reached = all_active(train, plan, request)
+    attempts.reached = starts.Reached(all_active(train, plan, request))
     swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
     if swept is None:
-        yield from _attempted(case, starts.from_contact)
-        yield from _attempted(case, starts.from_sweeps)
+        yield from _attempted(attempts, starts.in_contact(attempts))
+        yield from _attempted(attempts, starts.from_sweeps(attempts))
     else:
         search = OrbitSearch(swept, rpm)
         for response in search.motions():
             if request.harmonics is None:
                 yield response
             else:
-                yield from _attempted(
-                    case, starts.from_response(response), response.path
-                )
-        case.sweep_change = search.sweep_change
-    yield from _attempted(case, starts.shooting)
+                from_response = starts.from_response(response, attempts)
+                yield from _attempted(attempts, from_response, response.path)
+        attempts.reached = dataclasses.replace(
+            attempts.reached, sweep_change=search.sweep_change
+        )
+    yield from _attempted(attempts, starts.shooting(attempts))
 
 
 def _attempted(
-    case: starts.Case, strategy: Callable[[starts.Case], Iterable], path: Sequence = ()
+    attempts: starts.Attempts, further: Iterable[starts.Attempt], path: Sequence = ()
 ) -> Iterator[Response]:
-    """Yield the Responses of all attempts of a strategy that Newton's method solves,
-    after the events of a path.
+    """Yield the Responses of all further attempts that Newton's method solves, after
+    the events of a path.
     """
-    for attempt in strategy(case):
-        case.path[:] = path
-        starts.refine(case, *attempt)
-        plan = case.reached
-        assert plan is not None  # of the refinement
+    case = attempts.case
+    for attempt in further:
+        attempts.path = list(path)
+        attempts.refine(attempt)
+        reached = attempts.reached
         # In contact: other motions, if there are any, need all meshes unknown.
-        if not plan.active:
-            case.reached = all_active(case.train, plan, case.request)
-        response = case.response
-        assert response is not None  # of the refinement
-        if response.solved:
-            yield response
+        if not reached.plan.active:
+            every_mesh = all_active(case.train, reached.plan, case.request)
+            attempts.reached = dataclasses.replace(reached, plan=every_mesh)
+        if attempts.response.solved:
+            yield attempts.response

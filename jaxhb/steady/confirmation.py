@@ -111,15 +111,14 @@ def solve_marched(
     coefficients = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
     coefficients[train.topology.law_index] = fourier.analyze(deflection, reach)
     initial_guess = active_deflections(plan, coefficients)
-    case = starts.Case(train, march.rpm, request, plan)
+    attempts = starts.Attempts(starts.SolveCase(train, march.rpm, request, plan))
     for _ in range(levels):
-        starts.refine(case, plan, initial_guess, event)
-        higher = case.next_level(plan.harmonics)
-        response = case.response
-        assert response is not None, "an attempt has a response"
+        attempts.refine(starts.Attempt(plan, initial_guess, event))
+        higher = attempts.case.next_level(plan.harmonics)
+        response = attempts.response
         if response.solved:
             if may_repeat(response, period):
-                response = _exact(case)
+                response = _exact(attempts)
             same = same_motion(response, trace, meshes, train, period)
             return response if same else None
         if request.harmonics or not higher:
@@ -129,14 +128,14 @@ def solve_marched(
     return None
 
 
-def _exact(case: starts.Case) -> Response:
-    """The response of a case solved on until its residual is exact: the rest that the
-    last step of Newton's method leaves looks like a weak subharmonic, which a march
-    that still decays seems to have.
+def _exact(attempts: starts.Attempts) -> Response:
+    """The response of the last attempt solved on until its residual is exact: the rest
+    that the last step of Newton's method leaves looks like a weak subharmonic, which a
+    march that still decays seems to have.
     """
-    solved = case.response
-    assert solved is not None and case.reached is not None, "no attempt to go on from"
-    plan = dataclasses.replace(case.reached, step_tolerance=0.0)
+    case = attempts.case
+    solved = attempts.response
+    plan = dataclasses.replace(attempts.reached.plan, step_tolerance=0.0)
     begin = first_start(plan, given=active_deflections(plan, solved.deflections))
     response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
     if not response.solved:
@@ -219,7 +218,7 @@ def compile_ahead(
         _plan_of(train, rpm, request, unknown, apart, period=1): rpm
         for rpm, apart in separates.items()
     }
-    cases = (starts.Case(train, rpm, request, plan) for plan, rpm in plans.items())
+    cases = (starts.SolveCase(train, rpm, request, plan) for plan, rpm in plans.items())
     return [future for future in map(starts.compile_ahead, cases) if future is not None]
 
 
