@@ -12,13 +12,13 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import Plan, Request
-from jaxhb.floquet.stability import Stability, attracts
+from jaxhb.floquet.stability import Stability, tendency
 from jaxhb.results.response import Response
 from jaxhb.solutions import starts
 from jaxhb.solutions.orbits import OrbitSearch
 from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.solutions.sweeping import SweptTrain
-from jaxhb.steady.classification import Classifier
+from jaxhb.steady.classification import Classifier, SolvedMotion
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Equations
@@ -111,19 +111,19 @@ def solve_all(
     rpm = float(rpm)
     request = Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    responses: list = []
+    solved: list[SolvedMotion] = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
-    of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
-    for response, period in itertools.chain(marched, of_one_cycle):
-        if not any(
-            period == other_period and difference(response, other, period) <= SAME
-            for other, other_period in responses
-        ):
-            responses.append((response, period))
-    motions = (
-        PeriodicMotion(response, period, *attracts(response)[:2])
-        for response, period in responses
+    of_one_cycle = (
+        SolvedMotion(response, 1) for response in searched(train, rpm, plan, request)
     )
+    for motion in itertools.chain(marched, of_one_cycle):
+        if not any(
+            motion.period == other.period
+            and difference(motion.response, other.response, motion.period) <= SAME
+            for other in solved
+        ):
+            solved.append(motion)
+    motions = [_periodic_motion(motion) for motion in solved]
     rank = (True, None, False)
     return tuple(
         sorted(
@@ -133,10 +133,16 @@ def solve_all(
     )
 
 
-def _marched(
-    train: DriveTrain, rpm: float, request: Request
-) -> list[tuple[Response, int]]:
-    """(Response, period) of motions to which marches come, from several starts side by
+def _periodic_motion(motion: SolvedMotion) -> PeriodicMotion:
+    """The PeriodicMotion of a solution."""
+    decided = tendency(motion.response)
+    return PeriodicMotion(
+        motion.response, motion.period, decided.attracts, decided.stability
+    )
+
+
+def _marched(train: DriveTrain, rpm: float, request: Request) -> list[SolvedMotion]:
+    """Motions to which marches come, from several starts side by
     side.
     """
     neighbour_rpm = rpm * np.array(NEIGHBOURS)
@@ -154,7 +160,7 @@ def _marched(
         list(range(len(start_motions) + 1)), dict(enumerate(start_motions, 1))
     )
     return [
-        (state.response, state.period)
+        SolvedMotion(state.response, state.period)
         for state in states.values()
         if state.response is not None
     ]

@@ -15,7 +15,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -36,7 +35,6 @@ from jaxhb.balance.program import (
     active_deflections,
     first_start,
     solve_once,
-    solve_problem,
 )
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
@@ -160,7 +158,6 @@ class Attempts:
         assert self.reached.response is not None, "no attempt has been made"
         return dataclasses.replace(self.reached.response, path=tuple(self.path))
 
-    @property
     def is_late(self) -> bool:
         """Whether the deadline is over, and one attempt is made."""
         late = time.monotonic() > self.case.deadline
@@ -191,13 +188,13 @@ class Attempts:
         the first in any case.
         """
         for strategy in strategies:
-            if self.is_late:
+            if self.is_late():
                 return
             for attempt in strategy.attempts(self):
                 self.refine(attempt)
                 if self.reached.solved:
                     return
-                if self.is_late:
+                if self.is_late():
                     break
 
     def refine(self, attempt: Attempt) -> None:
@@ -267,18 +264,6 @@ class Strategy:
     name: str
     cost: int
     attempts: Callable[[Attempts], Iterator[Attempt]]
-
-
-def compile_ahead(case: SolveCase) -> Future | None:
-    """Begin to make the program that :meth:`Attempts.refine` runs first from
-    deflections; return the Future, None where the program is there.
-    """
-    plan = case.resolved(case.plan)
-    nothing = np.zeros((len(plan.active_meshes.mask), 1), dtype=complex)
-    begin = first_start(plan, given=nothing)
-    return solve_problem.compile_ahead(
-        case.problem, plan.active_meshes, begin, plan.goals, plan.shape
-    )
 
 
 def in_contact(attempts: Attempts) -> Iterator[Attempt]:

@@ -3,8 +3,6 @@ one long cycle.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from concurrent.futures import Future
 
 import numpy as np
 
@@ -155,28 +153,15 @@ def _plan(
     deflections ``(G, period x steps)`` m.
     """
     law = meshes.law
+    law_index = train.topology.law_index
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
     held = np.append(
         ~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool)
     )
-    stays = (least > law.knee + MARGIN * law.backlash) & held[train.topology.law_index]
+    stays = (least > law.knee + MARGIN * law.backlash) & held[law_index]
     apart = bool((np.abs(deflection) < law.gap[:, None]).any())
-    return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
-
-
-def _plan_of(
-    train: DriveTrain,
-    rpm: float,
-    request: Request,
-    side: np.ndarray,
-    apart: bool,
-    period: int,
-) -> Plan:
-    """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and
-    those of side 0 are unknowns; ``apart``: whether any separates.
-    """
-    law_index = train.topology.law_index
+    side = np.where(stays, side, 0)
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.has_law), dtype=int)
@@ -202,24 +187,6 @@ def _plan_of(
         # Room for the longest period whatever the period: equal shapes, one program.
         excited=contact.excited // period * LONGEST_PERIOD,
     )
-
-
-def compile_ahead(
-    train: DriveTrain, separates: Mapping[float, bool], request: Request
-) -> list[Future]:
-    """Begin to make the programs that :func:`solve_marched` will run at speeds, in
-    other threads, while the speeds are marched; return the Futures, to be cancelled
-    when the speeds are done.
-
-    separates : ``{rpm: whether the linear motion separates teeth}``
-    """
-    unknown = np.zeros(len(train.topology.law_index), dtype=int)
-    plans = {
-        _plan_of(train, rpm, request, unknown, apart, period=1): rpm
-        for rpm, apart in separates.items()
-    }
-    cases = (starts.SolveCase(train, rpm, request, plan) for plan, rpm in plans.items())
-    return [future for future in map(starts.compile_ahead, cases) if future is not None]
 
 
 def same_motion(
