@@ -39,7 +39,7 @@ UNBALANCED_FORCE = 1e-2
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Ended:
+class IterationEnd:
     """End of an iteration: deflections ``(G, N+1)`` m of the active meshes; whether it
     settled, else whether it stalled; steps; error, the residual of the equations;
     sweeps with which it began, 0 for none, and periodicity_error, by which the last of
@@ -99,7 +99,7 @@ def conclude(
     equation: CondensedEquation,
     condensed: CondensedTrain,
     nonlinear_force: Array,
-    ended: Ended,
+    ended: IterationEnd,
     limit: Number,
     samples: int,
 ) -> tuple[Outcome, tuple[Crossings, Crossings] | None]:
@@ -162,7 +162,7 @@ def linear_outcome(
     """
     equation, condensed = reduced_equation(problem, harmonics, active_meshes)
     zero = np.zeros(())
-    ended = Ended(
+    ended = IterationEnd(
         deflection=equation.linear,
         settled=np.array(True),
         stalled=np.array(False),

@@ -26,7 +26,7 @@ from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
 from jaxhb.balance.newton import Iterate, solve_chain, solve_reduced
 from jaxhb.balance.outcome import (
-    Ended,
+    IterationEnd,
     Outcome,
     Solution,
     conclude,
@@ -203,7 +203,7 @@ def _find(
         stalled = iterate.stalled
     reduced = reduced.with_crossings(deflection)
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, shape.samples)
-    ended = Ended(
+    ended = IterationEnd(
         deflection=deflection,
         settled=(error <= goals.residual) | small_step,
         stalled=stalled,

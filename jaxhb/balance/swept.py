@@ -14,7 +14,7 @@ from jaxhb._jax import Array, on_host
 from jaxhb._program import Program
 from jaxhb.balance import map_newton, sweeps
 from jaxhb.balance.march import MarchModes
-from jaxhb.balance.outcome import Ended, Outcome, conclude, relative_force_change
+from jaxhb.balance.outcome import IterationEnd, Outcome, conclude, relative_force_change
 from jaxhb.balance.problem import ActiveMeshes, Problem, linear_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
@@ -101,7 +101,7 @@ def conclude_sweeps(
         fine, settled.deflection, retained, samples, settled.left
     )
     vibration = sweeps.vibration_size(fine, settled.deflection)
-    ended = Ended(
+    ended = IterationEnd(
         deflection=retained,
         settled=settled.distance <= goal,
         stalled=np.array(False),

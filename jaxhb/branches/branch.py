@@ -98,7 +98,7 @@ def extremes(response: Response) -> dict[str, list]:
 
 
 @dataclass(frozen=True)
-class Point:
+class BranchPoint:
     """A point of a branch: its row of the table by column; y and tangent of its curve,
     the multipliers of its teeth.
     """
@@ -111,7 +111,7 @@ class Point:
     @classmethod
     def at(
         cls, curve: HarmonicCurve, plan: Plan, y: np.ndarray, tangent: np.ndarray
-    ) -> Point:
+    ) -> BranchPoint:
         """Make the point, with its row."""
         response = response_at(curve, plan, y)
         computed = stability(response)
@@ -149,7 +149,7 @@ Theory, 2004, ch. 10).
 def special_points(
     curve: HarmonicCurve,
     plan: Plan,
-    points: list[Point],
+    points: list[BranchPoint],
     locate: Callable[..., tuple[np.ndarray, np.ndarray]],
     options: BranchOptions,
 ) -> tuple[SpecialPoint, ...]:
@@ -159,9 +159,9 @@ def special_points(
         return tangent[-1]  # zero at a fold
 
     def on_point(
-        test: Callable[[Point], float],
+        test: Callable[[BranchPoint], float],
     ) -> Callable[[np.ndarray, np.ndarray], float]:
-        return lambda y, tangent: test(Point.at(curve, plan, y, tangent))
+        return lambda y, tangent: test(BranchPoint.at(curve, plan, y, tangent))
 
     tested = {"fold": [point.tangent[-1] for point in points]}
     for kind, test in TESTS.items():
@@ -196,7 +196,7 @@ def special_points(
                 test_on_curve,
                 closed=closed,
             )
-            located = Point.at(curve, plan, y, tangent)
+            located = BranchPoint.at(curve, plan, y, tangent)
             # The product of two real multipliers passes 1 as well, where nothing
             # happens: a pair must be complex.
             products, is_complex = located.pairs
@@ -560,7 +560,7 @@ def _followed(
             f"{curve.train.topology.title}: Newton's method finds no motion with"
             f" {plan.harmonics} harmonics at {value}."
         )
-    points = [Point.at(curve, plan, y, tangent) for y, tangent in path]
+    points = [BranchPoint.at(curve, plan, y, tangent) for y, tangent in path]
     locate = partial(continuation.locate_zero, linearize, simplify, control=control)
     special = special_points(curve, plan, points, locate, options)
     columns = {

@@ -369,7 +369,7 @@ def exponential(matrix: Array) -> Array:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Trace:
+class CycleTrace:
     """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros
     where there is room for more.
 
@@ -427,9 +427,9 @@ def _whole(stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any):
     return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
 
-def cycle(stepper: Stepper, state: Array) -> tuple[Array, Trace]:
+def cycle(stepper: Stepper, state: Array) -> tuple[Array, CycleTrace]:
     """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its
-    :class:`Trace`.
+    :class:`CycleTrace`.
     """
     end, change, samples = _whole(
         stepper, state, put, no_samples(stepper, stepper.capacity)
@@ -439,7 +439,7 @@ def cycle(stepper: Stepper, state: Array) -> tuple[Array, Trace]:
 
 def cycle_error(stepper: Stepper, state: Array) -> tuple[Array, Array]:
     """State after one cycle from ``state``, and the periodicity error of its
-    :class:`Trace`; no samples are kept.
+    :class:`CycleTrace`; no samples are kept.
     """
     end, change, largest = _whole(stepper, state, *watch(stepper))
     return end, periodicity_error(stepper, change, largest)
@@ -470,8 +470,8 @@ def watch(stepper: Stepper) -> tuple[Callable[..., Array], Array]:
 
 
 def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> Array:
-    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections
-    and rates, ``(2G,)`` each.
+    """Periodicity error, see :class:`CycleTrace`, of a change and the largest of
+    deflections and rates, ``(2G,)`` each.
     """
     assert stepper.frequency is not None  # a stepper of one speed
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
@@ -481,16 +481,16 @@ def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> Array:
     )
 
 
-def trace_of(stepper: Stepper, samples: Array, change: Array) -> Trace:
-    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its
-    change ``(2G,)`` over the cycle.
+def trace_of(stepper: Stepper, samples: Array, change: Array) -> CycleTrace:
+    """The CycleTrace from w ``(capacity, 2G)``, (l, l') of the states, and its change
+    ``(2G,)`` over the cycle.
     """
     deflection = jax.vmap(stepper.with_fast_modes)(
         samples, 2 * jnp.arange(len(samples))
     ).T
     rate = jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
-    return Trace(deflection, rate, periodicity_error(stepper, change, largest))
+    return CycleTrace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
 def march(
@@ -499,10 +499,10 @@ def march(
     *,
     tolerance: float | Array = 1e-6,
     max_cycles: int | Array = 200,
-) -> tuple[Array, Trace, Array]:
+) -> tuple[Array, CycleTrace, Array]:
     """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a
     ``trace.periodicity_error``, is not finite, or ``max_cycles`` have passed: state
-    ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
+    ``(n,)``, CycleTrace of the last cycle, cycles; valid under jit and vmap.
 
     No cycle closes where the motion is not periodic, has a longer period or decays too
     slowly. A slow drift closes every cycle to the drift of one cycle.
@@ -520,8 +520,8 @@ def march(
         state, _, cycles = carry
         return *cycle(stepper, state), cycles + 1
 
-    # With an empty Trace to begin with the loop holds one copy of a cycle, and compiles
-    # faster.
+    # With an empty CycleTrace to begin with the loop holds one copy of a cycle, and
+    # compiles faster.
     empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
-    begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
+    begin = state, CycleTrace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
     return lax.while_loop(unfinished, next_cycle, begin)

@@ -309,7 +309,7 @@ class Batch:
             self.linear_motion,
             steps,
         )
-        # As in the periodicity error of a Trace: with epsilon 1 there is no gap.
+        # As in the periodicity error of a CycleTrace: with epsilon 1 there is no gap.
         floor = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         states = batch.state_of(
             equations.modes,
