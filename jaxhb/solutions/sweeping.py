@@ -118,7 +118,7 @@ class SweptTrain:
         failures = 0
         plans = self.sweep_plans(rpm, steps)
         for plan in plans:
-            outcome, ended, events = solve_by_sweeps(
+            solution = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
                 self.modes,
@@ -130,13 +130,15 @@ class SweptTrain:
                 newton=newton,
                 at_hand=known_deflection,
             )
-            if at_hand is not None and outcome is None:
+            path += solution.path
+            outcome = solution.outcome
+            if outcome is None:
+                assert at_hand is not None, "the motion at which sweeps settle"
                 return at_hand
-            path += events
             status = Status(int(outcome.status))
             outcomes.append(outcome)
             if status == Status.TOLERANCE_NOT_MET:
-                deflection = np.asarray(ended.deflection)
+                deflection = solution.deflection
             elif newton and status.another_start_may_help and not failures:
                 # Sweeps that go astray with long steps may settle with shorter ones
                 failures += 1

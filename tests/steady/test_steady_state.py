@@ -408,7 +408,9 @@ def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(
     deflection = moved * response.deflection_samples(64)[train.topology.law_index]
     closure = SimpleNamespace(errors=lambda period: [closure_error])
     classified = SimpleNamespace(
-        classifier=SimpleNamespace(train=train, repelling={0: [(response, 1)]}),
+        classifier=SimpleNamespace(
+            train=train, repelling={0: [classification.SolvedMotion(response, 1)]}
+        ),
         index=0,
         march=SimpleNamespace(closure=closure),
         batch=SimpleNamespace(
