@@ -149,7 +149,8 @@ class ProgramShape:
     there; all others reach it in arrays.
 
     marches : whether it has sweeps before Newton's method; excited : harmonics of the
-    excitation that it has room for; averaged : False without active meshes, too.
+    excitation that it has room for; averaged : False without active meshes, too;
+    compare_starts : whether a given start is compared with a marched one.
     """
 
     harmonics: int
@@ -160,9 +161,9 @@ class ProgramShape:
     time_steps: int
     max_steps: int
     estimated: bool
-    compare_starts: bool
     averaged: bool
     failed_gradient: FailedGradient
+    compare_starts: bool = False
 
     @property
     def samples(self) -> int:
@@ -225,7 +226,6 @@ class Plan:
     likewise; 0 for derivatives
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
-    compare_starts : bool, whether a given start is compared with a marched one
     averaged : bool, whether the equations take a sampled law as averages between its
     samples, so that derivatives are
         those of values; without, at the samples themselves, as A(x) does. Its slope has
@@ -249,7 +249,6 @@ class Plan:
     step_tolerance: float = 0.0
     max_steps: int = 24
     estimated: bool = True
-    compare_starts: bool = False
     averaged: bool = True
     failed_gradient: FailedGradient = "zero"
 
@@ -279,7 +278,6 @@ class Plan:
             time_steps=self.time_steps,
             max_steps=self.max_steps,
             estimated=self.estimated,
-            compare_starts=self.compare_starts,
             averaged=self.averaged and bool(self.active),
             failed_gradient=self.failed_gradient,
         )

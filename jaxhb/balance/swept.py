@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
@@ -55,7 +56,8 @@ class SweptProblem:
     flank: SweepPoint
 
 
-def _prepared(
+@partial(Program, static_argnames="plan")
+def prepare(
     equation: CondensedEquation,
     system: System,
     columns: Array,
@@ -154,9 +156,6 @@ def truncation_of(
     )
     error = relative_force_change(fine, (deflections, rates), changes)
     return nonlinear_force, residual, error
-
-
-prepare = Program(_prepared, static_argnames="plan")
 
 
 def difference(first: Array, second: Array, period: int = 1) -> float:

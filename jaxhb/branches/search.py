@@ -12,6 +12,7 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import Plan, Request
+from jaxhb.balance.swept import difference
 from jaxhb.floquet.stability import Stability, tendency
 from jaxhb.results.response import Response
 from jaxhb.solutions import starts
@@ -20,7 +21,6 @@ from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.solutions.sweeping import SweptTrain
 from jaxhb.steady.classification import Classifier, SolvedMotion
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Equations
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -117,11 +117,7 @@ def solve_all(
         SolvedMotion(response, 1) for response in searched(train, rpm, plan, request)
     )
     for motion in itertools.chain(marched, of_one_cycle):
-        if not any(
-            motion.period == other.period
-            and difference(motion.response, other.response, motion.period) <= SAME
-            for other in solved
-        ):
+        if not any(_same(motion, other) for other in solved):
             solved.append(motion)
     motions = [_periodic_motion(motion) for motion in solved]
     rank = (True, None, False)
@@ -131,6 +127,14 @@ def solve_all(
             key=lambda motion: (rank.index(motion.attracts), -motion.largest_force),
         )
     )
+
+
+def _same(motion: SolvedMotion, other: SolvedMotion) -> bool:
+    """Whether two solutions are one motion."""
+    if motion.period != other.period:
+        return False
+    deflections = motion.response.deflections
+    return difference(deflections, other.response.deflections, motion.period) <= SAME
 
 
 def _periodic_motion(motion: SolvedMotion) -> PeriodicMotion:

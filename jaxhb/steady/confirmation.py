@@ -8,7 +8,6 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request
 from jaxhb.balance.program import active_deflections, first_start, solve_once
-from jaxhb.balance.swept import difference as deflection_difference
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
@@ -253,10 +252,3 @@ def repetition(response: Response, period: int, divisor: int) -> float:
     deflections = np.abs(np.asarray(response.deflections))
     unrepeated = np.arange(deflections.shape[-1]) % (period // divisor) != 0
     return deflections[:, unrepeated].sum() / max(deflections[:, 1:].sum(), 1e-300)
-
-
-def difference(response: Response, other: Response, period: int) -> float:
-    """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses
-    over ``period`` cycles.
-    """
-    return deflection_difference(response.deflections, other.deflections, period)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.program import solve_batches
+from jaxhb.balance.swept import difference
 from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -30,7 +31,6 @@ from jaxhb.steady.classification import (
     unknown,
 )
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.confirmation import difference
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -440,7 +440,11 @@ def _distance(state: SteadyState, other: SteadyState) -> float:
     if not state.known:
         return 0.0
     if state.response is not None and other.response is not None:
-        return difference(state.response, other.response, max(state.period, 1))
+        return difference(
+            state.response.deflections,
+            other.response.deflections,
+            max(state.period, 1),
+        )
     names = state.topology.mesh_names
     peaks = np.array([float(state.deflection(name).peak) for name in names])
     other_peaks = np.array([float(other.deflection(name).peak) for name in names])
