@@ -114,8 +114,7 @@ class Program:
         """Begin to make what a call with such arguments will run, in a thread of its
         own; the call waits for it.
 
-        Gives a Future, to be cancelled where no such call comes; None where the program
-        is there, or cannot be made beforehand.
+        Gives its Future; None where the program is there, or cannot be made beforehand.
         """
         call = self._call(args, kwargs)
         if call is None or call.key.settings != _settings_of_threads():

@@ -30,11 +30,12 @@ from jax import lax
 
 from jaxhb._jax import Array
 from jaxhb.balance import correction
+from jaxhb.balance.outcome import Solution
 from jaxhb.balance.problem import ActiveMeshes, Problem, fields, reduced_equation
 from jaxhb.results.response import Fields
 
 if TYPE_CHECKING:
-    from jaxhb.balance.plan import Plan
+    from jaxhb.balance.plan import Plan, ProgramShape
 
 
 def gradient_and_error(
@@ -99,38 +100,34 @@ def gradient_and_error(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach(
-    plan: Plan,
+    shape: ProgramShape,
     problem: Problem,
     active_meshes: ActiveMeshes,
-    linearization,
-    solved: Array,
-    solution: Fields,
-    deflection: Array,
+    solution: Solution,
 ) -> tuple[Fields, Array]:
-    """The ``solution`` and ``deflection`` of ``problem`` with their derivatives with
-    respect to ``problem``.
-
-    linearization : LinearTrain of the equation, None without active meshes; and None
-    or, of exact integrals, the Crossings of the active and of all meshes. Where the
-    problem is not ``solved`` the plan says what the derivative is.
+    """Fields and deflections of the ``solution`` of ``problem`` with their derivatives
+    with respect to ``problem``; where it is not solved ``shape`` says what these are.
     """
-    return solution, deflection
+    return solution.outcome.fields, solution.outcome.deflection
 
 
 @attach.defjvp
-def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
-    problem, active_meshes, (train, crossings), solved, _, _ = primals
-    active_crossings, all_crossings = lax.stop_gradient(crossings or (None, None))
+def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
+    problem, active_meshes, solution = primals
+    solved = solution.solved
+    active_crossings, all_crossings = lax.stop_gradient(
+        solution.crossings or (None, None)
+    )
     # Second derivatives need that of the solution.
-    solution, deflection = attach(plan, *primals)
-    change = _masked(plan.failed_gradient, solved, tangents[0])
-    problem = only_if(solved, problem, plan.failed_gradient)
+    solved_fields, deflection = attach(shape, *primals)
+    change = _masked(shape.failed_gradient, solved, tangents[0])
+    problem = only_if(solved, problem, shape.failed_gradient)
 
     def equation(problem):
-        reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
+        reduced, condensed = reduced_equation(problem, shape.harmonics, active_meshes)
         return (
             dataclasses.replace(
-                reduced, integrals=plan.force_integrals, crossings=active_crossings
+                reduced, integrals=shape.force_integrals, crossings=active_crossings
             ),
             condensed,
         )
@@ -145,17 +142,19 @@ def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
         """
         if reduced.integrals == "averaged":
             return jax.linearize(
-                lambda moved: reduced.nonlinear_force_coefficients(moved, plan.samples),
+                lambda moved: reduced.nonlinear_force_coefficients(
+                    moved, shape.samples
+                ),
                 deflection,
             )[1]
         return correction.force_change(
-            reduced, correction.slopes_at(reduced, deflection, plan.samples)
+            reduced, correction.slopes_at(reduced, deflection, shape.samples)
         )
 
     # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
     # phi comes along.
     def residual(reduced):
-        force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
+        force = reduced.nonlinear_force_coefficients(deflection, shape.samples)
         return reduced.left(deflection, force), force
 
     (_, force), (residual_dot, force_dot) = jax.jvp(
@@ -164,8 +163,8 @@ def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
     deflection_dot = -residual_dot
     if len(active_meshes.mask):
         frozen, frozen_deflection = lax.stop_gradient((reduced, deflection))
-        slopes = correction.slopes_at(frozen, frozen_deflection, plan.samples)
-        march = lax.stop_gradient(correction.march_at(train, slopes))
+        slopes = correction.slopes_at(frozen, frozen_deflection, shape.samples)
+        march = lax.stop_gradient(correction.march_at(solution.train, slopes))
         forces = forces_at(reduced, deflection)
         product = correction.tangent(reduced, forces)
         frozen_product = correction.tangent(
@@ -184,16 +183,16 @@ def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
             problem,
             displacement,
             link_force,
-            plan.integrals,
-            plan.samples,
+            shape.integrals,
+            shape.samples,
             all_crossings,
         )
 
-    _, solution_dot = jax.jvp(
+    _, fields_dot = jax.jvp(
         motion, (problem, condensed, force), (change, condensed_dot, force_dot)
     )
-    return (solution, deflection), _masked(
-        plan.failed_gradient, solved, (solution_dot, deflection_dot)
+    return (solved_fields, deflection), _masked(
+        shape.failed_gradient, solved, (fields_dot, deflection_dot)
     )
 
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace
+from jaxhb.balance.correction import LinearTrain
 from jaxhb.balance.problem import (
     ActiveMeshes,
     Problem,
@@ -38,7 +39,7 @@ UNBALANCED_FORCE = 1e-2
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Ended:
+class IterationEnd:
     """End of an iteration: deflections ``(G, N+1)`` m of the active meshes; whether it
     settled, else whether it stalled; steps; error, the residual of the equations;
     sweeps with which it began, 0 for none, and periodicity_error, by which the last of
@@ -77,13 +78,28 @@ class Outcome:
     steps: Array
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Solution:
+    """Outcome without derivatives, and what :func:`jaxhb.balance.derivative.attach`
+    needs of the solve: the LinearTrain of the equation, None without active meshes; of
+    exact integrals the Crossings of the active and of all meshes, else None; whether
+    the equations are solved.
+    """
+
+    outcome: Outcome
+    train: LinearTrain | None
+    crossings: tuple[Crossings, Crossings] | None
+    solved: Array
+
+
 def conclude(
     problem: Problem,
     active_meshes: ActiveMeshes,
     equation: CondensedEquation,
     condensed: CondensedTrain,
     nonlinear_force: Array,
-    ended: Ended,
+    ended: IterationEnd,
     limit: Number,
     samples: int,
 ) -> tuple[Outcome, tuple[Crossings, Crossings] | None]:
@@ -139,15 +155,14 @@ def linear_outcome(
     active_meshes: ActiveMeshes,
     harmonics: int,
     limit: Number,
-    samples: int,
 ) -> Outcome:
     """The Outcome of a Problem without active meshes, by arithmetic of the host.
 
-    harmonics, samples : of the fields; limit : on the truncation error.
+    limit : on the truncation error.
     """
     equation, condensed = reduced_equation(problem, harmonics, active_meshes)
     zero = np.zeros(())
-    ended = Ended(
+    ended = IterationEnd(
         deflection=equation.linear,
         settled=np.array(True),
         stalled=np.array(False),
@@ -165,7 +180,7 @@ def linear_outcome(
         equation.linear,
         ended,
         limit,
-        samples,
+        fourier.SAMPLES_PER_HARMONIC * harmonics,
     )
     return outcome
 

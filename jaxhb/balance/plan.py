@@ -1,16 +1,16 @@
-"""Request for a solve, and plan decided before it: two small hashable values, checked
-on the host.
+"""Request for a solve, the plan decided before it, and its two parts for programs: the
+shape that one is compiled for, and the goals that it is given.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
+from typing import Literal, cast
 
 import jax
 import numpy as np
 
-from jaxhb._jax import traced
+from jaxhb._jax import Array, traced
 from jaxhb.balance.problem import ActiveMeshes
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
@@ -18,9 +18,14 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import highest_harmonic
 
+Method = Literal["reduced", "chain"]
+Integrals = Literal["sampled", "exact"]
+PlannedStart = Literal["linear", "march", "response"]
+FailedGradient = Literal["zero", "nan"]
+
 # Limit on the harmonics of the cycle, by method: work and memory grow with N, for the
 # chain with N^3 and N^2.
-MOST_HARMONICS = {"reduced": 4096, "chain": 128}
+MOST_HARMONICS: dict[str, int] = {"reduced": 4096, "chain": 128}
 # Truncation error of the elastic tooth force, as a share of the largest tooth force
 DEFAULT_TOLERANCE = 0.01
 # Residual of equations that count as solved exactly, as derivatives need them
@@ -66,8 +71,8 @@ class Request:
 
     harmonics: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
-    method: str = "reduced"
-    integrals: str = "sampled"
+    method: Method = "reduced"
+    integrals: Integrals = "sampled"
     few_levels: bool = False
     averaged: bool = False
 
@@ -129,7 +134,64 @@ class Request:
             )
         if harmonics is not None:
             check_harmonics(train, harmonics, method)
-        return cls(harmonics, tolerance, method, integrals, few_levels)
+        return cls(
+            harmonics,
+            tolerance,
+            cast(Method, method),
+            cast(Integrals, integrals),
+            few_levels,
+        )
+
+
+@dataclass(frozen=True)
+class ProgramShape:
+    """Decisions of a :class:`Plan` that a program is compiled for, by their names
+    there; all others reach it in arrays.
+
+    marches : whether it has sweeps before Newton's method; excited : harmonics of the
+    excitation that it has room for; averaged : False without active meshes, too;
+    compare_starts : whether a given start is compared with a marched one.
+    """
+
+    harmonics: int
+    excited: int
+    method: Method
+    integrals: Integrals
+    marches: bool
+    time_steps: int
+    max_steps: int
+    estimated: bool
+    averaged: bool
+    failed_gradient: FailedGradient
+    compare_starts: bool = False
+
+    @property
+    def samples(self) -> int:
+        """Time samples of the law per cycle."""
+        return SAMPLES_PER_HARMONIC * self.harmonics
+
+    @property
+    def force_integrals(self) -> str:
+        """Integrals of the law over the cycle in the equations: "sampled", "averaged"
+        between the samples, or "exact".
+        """
+        return (
+            "averaged"
+            if self.integrals == "sampled" and self.averaged
+            else self.integrals
+        )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Goals:
+    """Largest estimate of the truncation error, residual and Newton step that count as
+    converged, numbers or ``(n,)`` of n solves: arguments of programs.
+    """
+
+    truncation: Array
+    residual: Array
+    step: Array
 
 
 @dataclass(frozen=True)
@@ -164,7 +226,6 @@ class Plan:
     likewise; 0 for derivatives
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
-    compare_starts : bool, whether a given start is compared with a marched one
     averaged : bool, whether the equations take a sampled law as averages between its
     samples, so that derivatives are
         those of values; without, at the samples themselves, as A(x) does. Its slope has
@@ -176,28 +237,20 @@ class Plan:
     harmonics: int
     active: tuple[int, ...]
     flank: tuple[int, ...]
-    method: str = "reduced"
-    start: str = "linear"
+    method: Method = "reduced"
+    start: PlannedStart = "linear"
     cycles: int = MARCH_CYCLES
     time_steps: int = TIME_STEPS[0]
     tolerance: float = DEFAULT_TOLERANCE
     tolerance_share: float = 1.0
     excited: int = 0
-    integrals: str = "sampled"
+    integrals: Integrals = "sampled"
     residual_tolerance: float = RESIDUAL
     step_tolerance: float = 0.0
     max_steps: int = 24
     estimated: bool = True
-    compare_starts: bool = False
     averaged: bool = True
-    failed_gradient: str = "zero"
-
-    @property
-    def unknowns(self) -> int:
-        """Number of real unknowns of Newton's method; 0 where one linear solve per
-        harmonic is enough.
-        """
-        return len(self.active) * (2 * self.harmonics + 1)
+    failed_gradient: FailedGradient = "zero"
 
     @property
     def marches(self) -> bool:
@@ -205,48 +258,28 @@ class Plan:
         return self.start == "march"
 
     @property
-    def samples(self) -> int:
-        """Time samples of the law per cycle."""
-        return SAMPLES_PER_HARMONIC * self.harmonics
-
-    @property
-    def force_integrals(self) -> str:
-        """Integrals of the law over the cycle in the equations: "sampled", "averaged"
-        between the samples, or "exact".
-        """
-        return (
-            "averaged"
-            if self.integrals == "sampled" and self.averaged
-            else self.integrals
+    def goals(self) -> Goals:
+        """The :class:`Goals` of a solve."""
+        return Goals(
+            truncation=np.array(self.tolerance_share * self.tolerance),
+            residual=np.array(self.residual_tolerance),
+            step=np.array(self.step_tolerance),
         )
 
     @property
-    def goals(self) -> np.ndarray:
-        """Largest estimate of the truncation error, residual and Newton step that count
-        as converged ``(3,)``: an array, an argument of programs.
-        """
-        return np.array(
-            [
-                self.tolerance_share * self.tolerance,
-                self.residual_tolerance,
-                self.step_tolerance,
-            ]
-        )
-
-    @property
-    def static(self) -> Plan:
-        """The plan that a program is compiled for: without what programs take as
-        arrays.
-        """
-        start = "march" if self.marches else "linear"
-        excited = self.excited or self.harmonics
-        averaged = self.averaged and bool(self.active)
-        plan = dataclasses.replace(
-            self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0
-        )
-        plan = dataclasses.replace(plan, residual_tolerance=0.0, step_tolerance=0.0)
-        return dataclasses.replace(
-            plan, start=start, excited=excited, averaged=averaged
+    def shape(self) -> ProgramShape:
+        """The :class:`ProgramShape` of a solve."""
+        return ProgramShape(
+            harmonics=self.harmonics,
+            excited=self.excited or self.harmonics,
+            method=self.method,
+            integrals=self.integrals,
+            marches=self.marches,
+            time_steps=self.time_steps,
+            max_steps=self.max_steps,
+            estimated=self.estimated,
+            averaged=self.averaged and bool(self.active),
+            failed_gradient=self.failed_gradient,
         )
 
     @property

@@ -26,13 +26,20 @@ from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
 from jaxhb.balance.newton import Iterate, solve_chain, solve_reduced
 from jaxhb.balance.outcome import (
-    Ended,
+    IterationEnd,
     Outcome,
+    Solution,
     conclude,
     linear_outcome,
     relative_force_change,
 )
-from jaxhb.balance.plan import Plan, check_plan, time_steps_of
+from jaxhb.balance.plan import (
+    Goals,
+    Plan,
+    ProgramShape,
+    check_plan,
+    time_steps_of,
+)
 from jaxhb.balance.problem import (
     ActiveMeshes,
     Problem,
@@ -45,6 +52,7 @@ from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.sweeps import SweepEquation, SweepPlan
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
+from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
 from jaxhb.integration.step import force_on_flank
 from jaxhb.results.response import Response
 from jaxhb.results.status import Newton, Status, Sweeps
@@ -52,11 +60,6 @@ from jaxhb.train.changes import within_range
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
-
-Start = tuple[Array, Array, Array, Number]
-"""Start of a solve: coefficients ``(G, N+1)`` m; whether they are given, and not teeth
-in contact; number of sweeps at most; share of the vibration at which these end.
-"""
 
 # Relative residual, a few times that of a settled march, from which Newton's method
 # takes longer than a march.
@@ -81,60 +84,60 @@ BATCH_SPEEDS = 64
 LINEAR_SPEEDS = 64
 
 
-@partial(Program, static_argnames="plan")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Start:
+    """Start of a solve.
+
+    deflection : ``(G, N+1)`` m; is_given : whether Newton's method starts from it, and
+    not from teeth in contact; sweeps : from teeth on their drive sides at most (beside
+    a given start only if ``compare_starts`` of the :class:`ProgramShape` and it leaves
+    more than MARCH_ABOVE of the equations: the better of the two is then the start);
+    settled : share of the vibration at which they end.
+    """
+
+    deflection: Array
+    is_given: Array
+    sweeps: Array
+    settled: Array
+
+
+@partial(Program, static_argnames="shape")
 def solve_problem(
     problem: Problem,
     active_meshes: ActiveMeshes,
     start: Start,
-    goals: Array,
-    plan: Plan,
+    goals: Goals,
+    shape: ProgramShape,
 ):
-    """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and
-    :attr:`Plan.goals`.
-
-    start : coefficients ``(G, N+1)`` m; whether Newton's method starts from them, and
-    not from teeth in contact; sweeps from teeth on their drive sides at most (beside a
-    given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
-    the equations: the better of the two is then the start); share of the vibration at
-    which they end.
-    """
+    """The Outcome of one Problem and its ActiveMeshes, from a Start to the Goals."""
     # The iteration is not differentiated: the implicit function theorem gives the
     # derivative of its solution.
     frozen, start, goals = lax.stop_gradient((problem, start, goals))
-    solution = find(frozen, active_meshes, start, goals, plan)
-    return differentiable(problem, active_meshes, solution, plan)
+    solution = find(frozen, active_meshes, start, goals, shape)
+    return differentiable(problem, active_meshes, solution, shape)
 
 
 def differentiable(
-    problem: Problem, active_meshes: ActiveMeshes, solution: tuple, plan: Plan
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    solution: Solution,
+    shape: ProgramShape,
 ) -> Outcome:
-    """The Outcome of a ``solution`` of :func:`find`, with its derivative with respect
-    to ``problem``.
-    """
-    outcome, linearization, solved = solution
-    fields, deflection = derivative.attach(
-        plan,
-        problem,
-        active_meshes,
-        linearization,
-        solved,
-        outcome.fields,
-        outcome.deflection,
-    )
-    return dataclasses.replace(outcome, fields=fields, deflection=deflection)
+    """The Outcome of a Solution, with its derivative with respect to ``problem``."""
+    fields, deflection = derivative.attach(shape, problem, active_meshes, solution)
+    return dataclasses.replace(solution.outcome, fields=fields, deflection=deflection)
 
 
 def find(
     problem: Problem,
     active_meshes: ActiveMeshes,
     start: Start,
-    goals: Array,
-    plan: Plan,
-) -> tuple:
-    """The Outcome without derivatives, the linearization of its motion that
-    :func:`derivative.attach` needs, and whether it solves.
-    """
-    solve = partial(_find, plan=plan)
+    goals: Goals,
+    shape: ProgramShape,
+) -> Solution:
+    """The Solution of a problem, for :func:`differentiable`."""
+    solve = partial(_find, shape=shape)
     if len(active_meshes.mask) and jax.default_backend() == "cpu":
         # Under vmap one after another: side by side each step of each loop would be
         # that of the slowest.
@@ -146,18 +149,17 @@ def _find(
     problem: Problem,
     active_meshes: ActiveMeshes,
     start: Start,
-    goals: Array,
-    plan: Plan,
-) -> tuple:
-    harmonics = plan.harmonics
+    goals: Goals,
+    shape: ProgramShape,
+) -> Solution:
+    harmonics = shape.harmonics
     is_linear = len(active_meshes.mask) == 0
-    (limit, tolerance, step_tolerance) = goals
     # The estimate of the truncation error needs receptances of 2 N harmonics: made
     # once, cut for the solve.
-    reach_harmonics = 2 * harmonics if plan.estimated and not is_linear else harmonics
+    reach_harmonics = 2 * harmonics if shape.estimated and not is_linear else harmonics
     fine, condensed = reduced_equation(problem, reach_harmonics, active_meshes)
     # The block sweep samples the law.
-    integrals = plan.integrals if plan.method == "chain" else plan.force_integrals
+    integrals = shape.integrals if shape.method == "chain" else shape.force_integrals
     reduced = dataclasses.replace(
         condensation.truncate(fine, harmonics), integrals=integrals
     )
@@ -170,40 +172,40 @@ def _find(
     small_step: Array = jnp.array(False)
     deflection: Array = reduced.linear
     if not is_linear:
-        sweep_plan = _sweep_plan(problem, plan)
+        sweep_plan = _sweep_plan(problem, shape)
         equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
         train = correction.linear_train(equation, sweep_plan.steps)
-        begin = _begin(reduced, equation, start, goals, plan, sweep_plan)
-        if plan.method == "chain":
+        begin = _begin(reduced, equation, start, goals, shape, sweep_plan)
+        if shape.method == "chain":
             deflection, iterate = _by_chain(
-                problem, active_meshes, reduced, condensed, begin.deflection, plan
+                problem, active_meshes, reduced, condensed, begin.deflection, shape
             )
             error = relative_residual(
-                reduced, reduced.residual(deflection, plan.samples)
+                reduced, reduced.residual(deflection, shape.samples)
             )
         else:
             iterate = solve_reduced(
                 reduced,
                 train,
                 begin.deflection,
-                samples=plan.samples,
-                tolerance=tolerance,
-                max_steps=plan.max_steps,
-                step_tolerance=step_tolerance,
+                samples=shape.samples,
+                tolerance=goals.residual,
+                max_steps=shape.max_steps,
+                step_tolerance=goals.step,
                 step=begin.distance,
             )
             deflection = iterate.x
             error = iterate.error
-            small_step = iterate.step < step_tolerance
-        if plan.estimated:
-            truncation = truncation_error(fine, train, deflection, plan)
+            small_step = iterate.step < goals.step
+        if shape.estimated:
+            truncation = truncation_error(fine, train, deflection, shape)
         steps = iterate.steps
         stalled = iterate.stalled
     reduced = reduced.with_crossings(deflection)
-    nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
-    ended = Ended(
+    nonlinear_force = reduced.nonlinear_force_coefficients(deflection, shape.samples)
+    ended = IterationEnd(
         deflection=deflection,
-        settled=(error <= tolerance) | small_step,
+        settled=(error <= goals.residual) | small_step,
         stalled=stalled,
         steps=steps,
         error=error,
@@ -218,20 +220,21 @@ def _find(
         condensed,
         nonlinear_force,
         ended,
-        limit,
-        plan.samples,
+        goals.truncation,
+        shape.samples,
     )
-    return outcome, (train, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
+    solved = outcome.status <= Status.TOLERANCE_NOT_MET
+    return Solution(outcome, train, crossings, solved)
 
 
-def _sweep_plan(problem: Problem, plan: Plan) -> SweepPlan:
-    """The :class:`SweepPlan` of a plan: its harmonics and samples, so that sweeps solve
-    the equations of the plan.
+def _sweep_plan(problem: Problem, shape: ProgramShape) -> SweepPlan:
+    """The :class:`SweepPlan` with the harmonics and samples of a program, so that
+    sweeps solve its equations.
     """
-    steps = max(plan.time_steps, time_steps_of(plan.harmonics))
+    steps = max(shape.time_steps, time_steps_of(shape.harmonics))
     instant = InstantSolve.of(problem.meshes.springs)
     return SweepPlan(
-        steps, instant, most_harmonics=plan.harmonics, law_samples=plan.samples
+        steps, instant, most_harmonics=shape.harmonics, law_samples=shape.samples
     )
 
 
@@ -266,17 +269,18 @@ def _begin(
     reduced: CondensedEquation,
     equation: SweepEquation,
     start: Start,
-    goals: Array,
-    plan: Plan,
+    goals: Goals,
+    shape: ProgramShape,
     sweep_plan: SweepPlan,
 ) -> Begin:
     """The :class:`Begin` of a ``start`` of :func:`solve_problem`, which solves if
     sweeps do.
     """
-    coefficients, has_start, most_sweeps, goal = start
-    start_deflection = jnp.where(has_start, coefficients, deflections_on_flank(reduced))
+    start_deflection = jnp.where(
+        start.is_given, start.deflection, deflections_on_flank(reduced)
+    )
     unswept = Begin(start_deflection, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
-    if not plan.marches:
+    if not shape.marches:
         return unswept
     # The samples tell as well as exact integrals which start leaves less.
     integrals = "sampled" if reduced.integrals == "exact" else reduced.integrals
@@ -284,16 +288,16 @@ def _begin(
 
     def residual_of(deflection: Array) -> Array:
         return relative_residual(
-            start_equation, start_equation.residual(deflection, plan.samples)
+            start_equation, start_equation.residual(deflection, shape.samples)
         )
 
     def begin_by_sweeps():
         return by_sweeps(
-            equation, plan.harmonics, sweep_plan, most_sweeps, goal, goals, residual_of
+            equation, shape.harmonics, sweep_plan, start, goals, residual_of
         )
 
-    if not plan.compare_starts:
-        return lax.cond(most_sweeps > 0, begin_by_sweeps, lambda: unswept)
+    if not shape.compare_starts:
+        return lax.cond(start.sweeps > 0, begin_by_sweeps, lambda: unswept)
 
     def better_of_both():
         by_sweeping = begin_by_sweeps()
@@ -305,10 +309,10 @@ def _begin(
         )
         return jax.tree.map(partial(jnp.where, is_worse), unswept, by_sweeping)
 
-    compared = has_start & (most_sweeps > 0)
+    compared = start.is_given & (start.sweeps > 0)
     remaining = lax.cond(compared, residual_of, lambda _: jnp.inf, start_deflection)
     return lax.cond(
-        (most_sweeps > 0) & (remaining > MARCH_ABOVE), better_of_both, lambda: unswept
+        (start.sweeps > 0) & (remaining > MARCH_ABOVE), better_of_both, lambda: unswept
     )
 
 
@@ -326,31 +330,32 @@ def by_sweeps(
     equation: SweepEquation,
     harmonics: int,
     plan: SweepPlan,
-    most_sweeps: int | Array,
-    goal: Number,
-    goals: Array,
+    start: Start,
+    goals: Goals,
     residual_of: Callable[[Array], Array],
 ) -> Begin:
-    """The :class:`Begin` to which ``most_sweeps`` or less from the drive sides lead,
+    """The :class:`Begin` to which ``start.sweeps`` or less from the drive sides lead,
     near the end more of them.
 
-    Sweeps end where they solve the equations to the ``goals`` of a plan, or where
-    ``goal`` of the vibration is left and as many more would not solve them. Where they
-    do not settle, the last of a few cycles marched is taken if it leaves less of the
-    equations; teeth on the flanks where the steps were too long for the train.
+    Sweeps end where they solve the equations to the ``goals``, or where
+    ``start.settled`` of the vibration is left and as many more would not solve them.
+    Where they do not settle, the last of a few cycles marched is taken if it leaves
+    less of the equations; teeth on the flanks where the steps were too long for the
+    train.
     residual_of : from deflections to their relative residual.
     """
-    _, tolerance, step_tolerance = goals
-    is_exact = step_tolerance == 0
+    is_exact = goals.step == 0
     first_point = sweeps.first_point(equation)
-    closer_goal = jnp.where(is_exact, goal, jnp.minimum(goal, step_tolerance))
+    closer_goal = jnp.where(
+        is_exact, start.settled, jnp.minimum(start.settled, goals.step)
+    )
     ended = sweeps.settle(
         equation,
         first_point,
         plan,
         closer_goal,
-        most_sweeps,
-        jnp.where(is_exact, tolerance, 0.0),
+        start.sweeps,
+        jnp.where(is_exact, goals.residual, 0.0),
     )
     swept_deflection = fourier.resize(ended.deflection, harmonics)
 
@@ -388,36 +393,39 @@ def _by_chain(
     reduced: CondensedEquation,
     condensed: CondensedTrain,
     start: Array,
-    plan: Plan,
+    shape: ProgramShape,
 ) -> tuple[Array, Iterate]:
     """Newton's method on all disks by the block sweep, where meshes held on a flank
     follow the whole law: deflections ``(G, N+1)`` m of the active meshes, and Iterate.
     """
     meshes = problem.meshes
     displacement, _ = condensed.combine(
-        reduced.nonlinear_force_coefficients(start, plan.samples)
+        reduced.nonlinear_force_coefficients(start, shape.samples)
     )
-    balance = force_balance(problem, displacement.shape[-1] - 1, plan.samples)
+    balance = force_balance(problem, displacement.shape[-1] - 1, shape.samples)
     iterate, deflection = solve_chain(
-        balance, fourier.pack(displacement), tolerance=1e-13, max_steps=plan.max_steps
+        balance, fourier.pack(displacement), tolerance=1e-13, max_steps=shape.max_steps
     )
     teeth_deflection = backlash.less_error(meshes, deflection[meshes.link])
     return teeth_deflection[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
-@partial(Program, static_argnames="plan")
+@partial(Program, static_argnames="shape")
 def estimate(
-    problem: Problem, active_meshes: ActiveMeshes, deflection: Array, plan: Plan
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    deflection: Array,
+    shape: ProgramShape,
 ):
     """The truncation error of a motion that was solved without it: deflections
     ``(G, N+1)`` m of the active meshes.
     """
-    fine, _ = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
-    sweep_plan = _sweep_plan(problem, plan)
-    reduced = condensation.truncate(fine, plan.harmonics)
+    fine, _ = reduced_equation(problem, 2 * shape.harmonics, active_meshes)
+    sweep_plan = _sweep_plan(problem, shape)
+    reduced = condensation.truncate(fine, shape.harmonics)
     equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
     return truncation_error(
-        fine, correction.linear_train(equation, sweep_plan.steps), deflection, plan
+        fine, correction.linear_train(equation, sweep_plan.steps), deflection, shape
     )
 
 
@@ -425,7 +433,7 @@ def truncation_error(
     fine: CondensedEquation,
     train: correction.LinearTrain,
     deflection: Array,
-    plan: Plan,
+    shape: ProgramShape,
 ) -> Array:
     """Estimated sup-norm error of the elastic force / its largest value: one Newton
     correction on 2 N harmonics.
@@ -434,7 +442,7 @@ def truncation_error(
     its solution with N harmonics. The residual on harmonics N+1 .. 2N is included:
     below the mesh modes a difference of two levels is no estimate.
     """
-    samples = 2 * plan.samples
+    samples = 2 * shape.samples
     fine_deflection = fourier.resize(deflection, fine.linear.shape[-1] - 1)
     slopes = correction.slopes_at(fine, fine_deflection, samples)
     value = fine.residual(fine_deflection, samples)
@@ -460,28 +468,27 @@ def active_deflections(plan: Plan, deflections: Array) -> Array:
 def first_start(
     plan: Plan, *, marches: bool = False, given: Array | None = None, xp=np
 ) -> Start:
-    """``start`` of :func:`solve_problem`: teeth in contact, marched on or not, or given
-    deflections ``(G, n+1)`` m.
+    """The Start with teeth in contact, marched on or not, or with given deflections
+    ``(G, n+1)`` m.
     """
     if given is None:
         shape = (len(plan.active_meshes.mask), plan.harmonics + 1)
-        most_sweeps = np.array(plan.cycles if marches else 0)
-        return (
-            np.zeros(shape, dtype=complex),
-            np.array(False),
-            most_sweeps,
-            START_SETTLED,
-        )
-    return (
-        fourier.resize(xp.asarray(given), plan.harmonics),
-        np.array(True),
-        np.array(0),
-        START_SETTLED,
+        deflection = np.zeros(shape, dtype=complex)
+    else:
+        deflection = fourier.resize(xp.asarray(given), plan.harmonics)
+    return Start(
+        deflection=deflection,
+        is_given=np.array(given is not None),
+        sweeps=np.array(plan.cycles if marches and given is None else 0),
+        settled=np.array(START_SETTLED),
     )
 
 
 def solve_planned(
-    train: DriveTrain, rpm: Number, plan: Plan, start: Response | str | None = None
+    train: DriveTrain,
+    rpm: Number,
+    plan: Plan,
+    start: Response | str | None = None,
 ) -> Response:
     """Response under a plan, from a Response or "linear" or "march" instead of the
     start of the plan.
@@ -499,32 +506,32 @@ def solve_planned(
         plan, marches=plan.marches if start is None else start == "march"
     )
     if start == "march":
-        plan = dataclasses.replace(plan, start=start)
+        plan = dataclasses.replace(plan, start="march")
     if isinstance(start, Response):
-        coefficients, _, most_sweeps, settled = first_start(
+        begin = first_start(
             plan, given=active_deflections(plan, start.deflections), xp=jnp
         )
         # Under jit a response that is not solved is nan, and no start.
-        has_start = jnp.isfinite(coefficients).all()
-        begin = coefficients, has_start, most_sweeps, settled
+        is_given = jnp.isfinite(begin.deflection).all()
+        begin = dataclasses.replace(begin, is_given=is_given)
     if traced(train, rpm, begin) or staged():
         response = _solve_traced(
-            train, rpm, begin, plan.active_meshes, plan.goals, plan.static
+            train, rpm, begin, plan.active_meshes, plan.goals, plan.shape
         )
         return dataclasses.replace(response, train=train)
     return solve_once(
-        train, rpm, problem_at(train, rpm, plan.static.excited), plan, begin
+        train, rpm, problem_at(train, rpm, plan.shape.excited), plan, begin
     )[0]
 
 
-@partial(Program, static_argnames="plan")
+@partial(Program, static_argnames="shape")
 def _solve_traced(
     train: DriveTrain,
     rpm: Number,
     begin: Start,
     active_meshes: ActiveMeshes,
-    goals: Array,
-    plan: Plan,
+    goals: Goals,
+    shape: ProgramShape,
 ):
     """Solve in one program: piece by piece, differentiation outside ``jit`` compiles a
     hundred small ones.
@@ -533,15 +540,15 @@ def _solve_traced(
     # Not ``rpm > 0``: nan is not out of range but not finite, which is another status.
     is_valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
     train, rpm = derivative.only_if(
-        is_finite & is_valid, (train, rpm), plan.failed_gradient
+        is_finite & is_valid, (train, rpm), shape.failed_gradient
     )
-    problem = problem_at(train, rpm, plan.excited)
-    outcome = solve_problem(problem, active_meshes, begin, goals, plan)
+    problem = problem_at(train, rpm, shape.excited)
+    outcome = solve_problem(problem, active_meshes, begin, goals, shape)
     status = jnp.where(is_finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(
         outcome, status=jnp.where(is_valid, status, Status.INVALID_INPUT)
     )
-    response = respond(train, rpm, problem, outcome, plan)
+    response = respond(train, rpm, problem, outcome)
     # nan for all computed fields if it is not solved, and derivatives as the plan says
     inputs = (
         "rpm",
@@ -565,10 +572,11 @@ def _solve_traced(
 
 
 def respond(
-    train: DriveTrain, rpm: Number, problem: Problem, outcome: Outcome, plan: Plan
+    train: DriveTrain, rpm: Number, problem: Problem, outcome: Outcome
 ) -> Response:
     """Assemble the :class:`Response` of an outcome."""
     fields = outcome.fields
+    samples = SAMPLES_PER_HARMONIC * (fields.angles.shape[-1] - 1)
     topology = train.topology
     xp = namespace(outcome.fields)
     ground = np.array(topology.ground_disk, dtype=int)
@@ -594,7 +602,7 @@ def respond(
         topology=topology,
         # A multiple of the samples, so that extremes are no smaller than theirs, and
         # enough for few harmonics too.
-        resolution=plan.samples * max(1, -(-FEWEST_SAMPLES // plan.samples)),
+        resolution=samples * max(1, -(-FEWEST_SAMPLES // samples)),
         sharp=outcome.deflection.shape[-2] > 0,  # an active mesh at least
         train=train,
     )
@@ -607,11 +615,11 @@ def solve_once(
     outcome = _of_the_host(problem, plan)
     if outcome is None:
         outcome = solve_problem(
-            problem, plan.active_meshes, begin, plan.goals, plan.static
+            problem, plan.active_meshes, begin, plan.goals, plan.shape
         )
         outcome = jax.tree.map(np.asarray, outcome)
     path = _newtons_path(outcome, plan)
-    return response_of(train, rpm, problem, outcome, plan, path), outcome
+    return response_of(train, rpm, problem, outcome, path), outcome
 
 
 def _of_the_host(problem: Problem, plan: Plan) -> Outcome | None:
@@ -621,14 +629,12 @@ def _of_the_host(problem: Problem, plan: Plan) -> Outcome | None:
     if plan.active or plan.integrals == "exact":
         return None
     check_settings()  # as programs do
-    limit, *_ = plan.goals
     with np.errstate(all="ignore"):  # the status tells of numbers that are not finite
         return linear_outcome(
             on_host(problem),
             plan.active_meshes,
             plan.harmonics,
-            limit,
-            plan.static.samples,
+            plan.goals.truncation,
         )
 
 
@@ -637,13 +643,12 @@ def response_of(
     rpm: Number,
     problem: Problem,
     outcome: Outcome,
-    plan: Plan,
     path: Iterable,
 ) -> Response:
     """The Response of an Outcome with numpy arrays, its train and the events that led
     to it.
     """
-    response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome, plan))
+    response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome))
     return dataclasses.replace(response, train=train, path=tuple(path))
 
 
@@ -677,19 +682,19 @@ def solve_batches(
         size = BATCH_SPEEDS
     size *= max(len(devices), 1)
     begin = first_start(plan, marches=plan.marches)
-    static = plan.static
+    shape = plan.shape
     if size == 1 or len(rpm) == 1 or not plan.active and len(rpm) < size:
 
         def alone(speed: float) -> Response:
             return solve_once(
-                train, speed, problem_at(train, speed, static.excited), plan, begin
+                train, speed, problem_at(train, speed, shape.excited), plan, begin
             )[0]
 
         yield from (
             [response] for response in side_by_side(alone, rpm.tolist(), devices)
         )
         return
-    solve = partial(_solve_all, plan=static)
+    solve = partial(_solve_all, shape=shape)
     if len(devices) > 1:
         axes = problem_axes()
         problem_specs = jax.tree.map(
@@ -702,12 +707,12 @@ def solve_batches(
             devices,
             (problem_specs, WHOLE, WHOLE, WHOLE),
             along(0),
-            plan=static,
+            shape=shape,
         )
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
         padded = np.concatenate([speeds, np.full(size - len(speeds), speeds[-1])])
-        problem = problems_at(train, jnp.asarray(padded), static.excited)
+        problem = problems_at(train, jnp.asarray(padded), shape.excited)
         outcome = solve(problem, plan.active_meshes, begin, plan.goals)
         loads, outcome = jax.tree.map(
             np.asarray, ((problem.load_torque, problem.load_power), outcome)
@@ -726,7 +731,6 @@ def solve_batches(
                     speed,
                     speed_problem,
                     outcome_of_speed,
-                    plan,
                     _newtons_path(outcome_of_speed, plan),
                 )
             )
@@ -756,15 +760,15 @@ def problems_at(train: DriveTrain, rpm: Array, excited: int):
     )(rpm)
 
 
-@partial(Program, static_argnames="plan")
+@partial(Program, static_argnames="shape")
 def _solve_all(
     problem: Problem,
     active_meshes: ActiveMeshes,
     start: Start,
-    goals: Array,
-    plan: Plan,
+    goals: Goals,
+    shape: ProgramShape,
 ):
     return jax.vmap(
-        lambda problem: solve_problem(problem, active_meshes, start, goals, plan),
+        lambda problem: solve_problem(problem, active_meshes, start, goals, shape),
         in_axes=(problem_axes(),),
     )(problem)

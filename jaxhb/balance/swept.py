@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
@@ -14,7 +15,7 @@ from jaxhb._jax import Array, on_host
 from jaxhb._program import Program
 from jaxhb.balance import map_newton, sweeps
 from jaxhb.balance.march import MarchModes
-from jaxhb.balance.outcome import Ended, Outcome, conclude, relative_force_change
+from jaxhb.balance.outcome import IterationEnd, Outcome, conclude, relative_force_change
 from jaxhb.balance.problem import ActiveMeshes, Problem, linear_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
@@ -55,7 +56,8 @@ class SweptProblem:
     flank: SweepPoint
 
 
-def _prepared(
+@partial(Program, static_argnames="plan")
+def prepare(
     equation: CondensedEquation,
     system: System,
     columns: Array,
@@ -101,7 +103,7 @@ def conclude_sweeps(
         fine, settled.deflection, retained, samples, settled.left
     )
     vibration = sweeps.vibration_size(fine, settled.deflection)
-    ended = Ended(
+    ended = IterationEnd(
         deflection=retained,
         settled=settled.distance <= goal,
         stalled=np.array(False),
@@ -154,9 +156,6 @@ def truncation_of(
     )
     error = relative_force_change(fine, (deflections, rates), changes)
     return nonlinear_force, residual, error
-
-
-prepare = Program(_prepared, static_argnames="plan")
 
 
 def difference(first: Array, second: Array, period: int = 1) -> float:
@@ -212,6 +211,18 @@ def ready(
     return prepare(equation, system, columns, modes, plan=plan), condensed
 
 
+@dataclass(frozen=True)
+class SweptSolution:
+    """Solve by sweeps: its Outcome, arrays of the host, None where sweeps settle at the
+    motion at hand; deflections ``(G, N+1)`` m where its iteration ended; and the events
+    on the way.
+    """
+
+    outcome: Outcome | None
+    deflection: np.ndarray
+    path: list[Sweeps | NewtonOnSweeps]
+
+
 def solve_by_sweeps(
     problem: Problem,
     active_meshes: ActiveMeshes,
@@ -224,16 +235,15 @@ def solve_by_sweeps(
     settled: float = SETTLED,
     newton: bool = True,
     at_hand: Array | None = None,
-):
-    """The Outcome of a Problem, as arrays of the host, the end of its iteration, and
-    the events on the way.
+) -> SweptSolution:
+    """Solve a Problem by sweeps.
 
     From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear
     motion (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m
     of a motion: sweeps, and where these do not settle, with ``newton`` Newton's method
     on the same map; ``settled`` : share of the tolerance that may be left of the
     vibration; at_hand : deflections ``(G, n+1)`` m of a motion: where sweeps settle at
-    it (ARRIVED), the Outcome is None.
+    it (ARRIVED), there is no Outcome.
     """
     goal = settled * tolerance
     swept, condensed = ready(problem, active_meshes, modes, plan)
@@ -272,12 +282,13 @@ def solve_by_sweeps(
         and not is_unsettled()
         and difference(ended.deflection, at_hand) <= ARRIVED
     ):
-        return None, ended, path
+        return SweptSolution(None, ended.deflection, path)
     with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
         outcome = conclude_sweeps(
             problem, active_meshes, condensed, swept, ended, tolerance, goal, plan
         )
-    return jax.tree.map(np.asarray, outcome), ended, path
+    outcome = jax.tree.map(np.asarray, outcome)
+    return SweptSolution(outcome, ended.deflection, path)
 
 
 def corrected(swept: SweptProblem, point: SweepPoint, plan: SweepPlan) -> SweepPoint:

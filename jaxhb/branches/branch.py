@@ -67,7 +67,7 @@ def response_at(curve: HarmonicCurve, plan: Plan, y: np.ndarray) -> Response:
         curve.train, float(curve.rpm), curve.parameter, curve.value(y)
     )
     begin = first_start(plan, given=np.asarray(curve.deflection(y)))
-    problem = problem_at(train, rpm, curve.plan.excited)
+    problem = problem_at(train, rpm, curve.shape.excited)
     response, _ = solve_once(train, rpm, problem, plan, begin)
     return response
 
@@ -98,7 +98,7 @@ def extremes(response: Response) -> dict[str, list]:
 
 
 @dataclass(frozen=True)
-class Point:
+class BranchPoint:
     """A point of a branch: its row of the table by column; y and tangent of its curve,
     the multipliers of its teeth.
     """
@@ -111,7 +111,7 @@ class Point:
     @classmethod
     def at(
         cls, curve: HarmonicCurve, plan: Plan, y: np.ndarray, tangent: np.ndarray
-    ) -> Point:
+    ) -> BranchPoint:
         """Make the point, with its row."""
         response = response_at(curve, plan, y)
         computed = stability(response)
@@ -149,7 +149,7 @@ Theory, 2004, ch. 10).
 def special_points(
     curve: HarmonicCurve,
     plan: Plan,
-    points: list[Point],
+    points: list[BranchPoint],
     locate: Callable[..., tuple[np.ndarray, np.ndarray]],
     options: BranchOptions,
 ) -> tuple[SpecialPoint, ...]:
@@ -159,9 +159,9 @@ def special_points(
         return tangent[-1]  # zero at a fold
 
     def on_point(
-        test: Callable[[Point], float],
+        test: Callable[[BranchPoint], float],
     ) -> Callable[[np.ndarray, np.ndarray], float]:
-        return lambda y, tangent: test(Point.at(curve, plan, y, tangent))
+        return lambda y, tangent: test(BranchPoint.at(curve, plan, y, tangent))
 
     tested = {"fold": [point.tangent[-1] for point in points]}
     for kind, test in TESTS.items():
@@ -196,7 +196,7 @@ def special_points(
                 test_on_curve,
                 closed=closed,
             )
-            located = Point.at(curve, plan, y, tangent)
+            located = BranchPoint.at(curve, plan, y, tangent)
             # The product of two real multipliers passes 1 as well, where nothing
             # happens: a pair must be complex.
             products, is_complex = located.pairs
@@ -443,7 +443,7 @@ def follow(
         scale=np.asarray(float(scale)),
         active_meshes=plan.active_meshes,
         parameter=parameter,
-        plan=plan.static,
+        shape=plan.shape,
     )
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
@@ -506,7 +506,7 @@ def _doubled(
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
     one_period = np.asarray(curve.deflection(y))
     curve = replace(
-        curve, train=train, active_meshes=plan.active_meshes, plan=plan.static
+        curve, train=train, active_meshes=plan.active_meshes, shape=plan.shape
     )
     two_periods = np.zeros((len(one_period), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(two_periods)
@@ -560,7 +560,7 @@ def _followed(
             f"{curve.train.topology.title}: Newton's method finds no motion with"
             f" {plan.harmonics} harmonics at {value}."
         )
-    points = [Point.at(curve, plan, y, tangent) for y, tangent in path]
+    points = [BranchPoint.at(curve, plan, y, tangent) for y, tangent in path]
     locate = partial(continuation.locate_zero, linearize, simplify, control=control)
     special = special_points(curve, plan, points, locate, options)
     columns = {

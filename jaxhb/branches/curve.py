@@ -16,7 +16,7 @@ from jaxhb._jax import Array, Number
 from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.newton import KRYLOV_STEPS
-from jaxhb.balance.plan import Plan
+from jaxhb.balance.plan import ProgramShape
 from jaxhb.balance.problem import (
     ActiveMeshes,
     Problem,
@@ -33,7 +33,8 @@ from jaxhb.train.drivetrain import DriveTrain
 @dataclass(frozen=True)
 class HarmonicCurve:
     """Constants of a branch: train, speed in rpm, begin and span of the parameter,
-    scale of the deflections in m, active meshes, name of the parameter, plan.
+    scale of the deflections in m, active meshes, name of the parameter, shape of
+    the programs.
     """
 
     train: DriveTrain
@@ -43,7 +44,7 @@ class HarmonicCurve:
     scale: Array
     active_meshes: ActiveMeshes
     parameter: str = field(metadata={"static": True})
-    plan: Plan = field(metadata={"static": True})
+    shape: ProgramShape = field(metadata={"static": True})
 
     def at(self, share: Number) -> tuple[DriveTrain, Array]:
         """Train and speed at a share of the range."""
@@ -65,12 +66,12 @@ class HarmonicCurve:
     def equation(self, y: Array) -> tuple[Array, tuple[Problem, CondensedEquation]]:
         """F packed ``(n,)``, over the scale; the Problem and the CondensedEquation."""
         train, rpm = self.at(y[-1])
-        problem = jax.tree.map(jnp.asarray, problem_at(train, rpm, self.plan.excited))
+        problem = jax.tree.map(jnp.asarray, problem_at(train, rpm, self.shape.excited))
         deflection = self.deflection(y)
         reduced, _ = reduced_equation(
             problem, deflection.shape[-1] - 1, self.active_meshes
         )
-        residual = reduced.residual(deflection, self.plan.samples)
+        residual = reduced.residual(deflection, self.shape.samples)
         value = fourier.pack(residual).reshape(-1) / self.scale
         return value, (problem, reduced)
 
@@ -99,14 +100,14 @@ def _prepared(
     curve: HarmonicCurve, y: Array, problem: Problem, reduced: CondensedEquation
 ) -> tuple[CondensedEquation, correction.LinearMarch, Array]:
     """The equations, the linearised march and the slopes of phi at a point."""
-    plan = curve.plan
+    shape = curve.shape
     deflection = curve.deflection(y)
     train = correction.train_of(
         reduced,
-        model_of(problem, curve.active_meshes, plan.time_steps),
-        plan.time_steps,
+        model_of(problem, curve.active_meshes, shape.time_steps),
+        shape.time_steps,
     )
-    slopes = correction.slopes_at(reduced, deflection, plan.samples)
+    slopes = correction.slopes_at(reduced, deflection, shape.samples)
     return reduced, correction.march_at(train, slopes), slopes
 
 
@@ -145,7 +146,9 @@ def simplified(curve: HarmonicCurve, y: Array, slopes: tuple) -> tuple:
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
     march, border = slopes
-    slopes_here = correction.slopes_at(reduced, curve.deflection(y), curve.plan.samples)
+    slopes_here = correction.slopes_at(
+        reduced, curve.deflection(y), curve.shape.samples
+    )
     (change,) = correction.correct_bordered(
         reduced, march, slopes_here, border, right, KRYLOV_STEPS
     )

@@ -4,7 +4,7 @@ in, and those that repel.
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +12,15 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import Plan, Request
-from jaxhb.floquet.stability import Stability, attracts
+from jaxhb.balance.swept import difference
+from jaxhb.floquet.stability import Stability, tendency
 from jaxhb.results.response import Response
 from jaxhb.solutions import starts
 from jaxhb.solutions.orbits import OrbitSearch
 from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.solutions.sweeping import SweptTrain
-from jaxhb.steady.classification import Classifier
+from jaxhb.steady.classification import Classifier, SolvedMotion
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Equations
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -111,19 +111,15 @@ def solve_all(
     rpm = float(rpm)
     request = Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    responses: list = []
+    solved: list[SolvedMotion] = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
-    of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
-    for response, period in itertools.chain(marched, of_one_cycle):
-        if not any(
-            period == other_period and difference(response, other, period) <= SAME
-            for other, other_period in responses
-        ):
-            responses.append((response, period))
-    motions = (
-        PeriodicMotion(response, period, *attracts(response)[:2])
-        for response, period in responses
+    of_one_cycle = (
+        SolvedMotion(response, 1) for response in searched(train, rpm, plan, request)
     )
+    for motion in itertools.chain(marched, of_one_cycle):
+        if not any(_same(motion, other) for other in solved):
+            solved.append(motion)
+    motions = [_periodic_motion(motion) for motion in solved]
     rank = (True, None, False)
     return tuple(
         sorted(
@@ -133,10 +129,24 @@ def solve_all(
     )
 
 
-def _marched(
-    train: DriveTrain, rpm: float, request: Request
-) -> list[tuple[Response, int]]:
-    """(Response, period) of motions to which marches come, from several starts side by
+def _same(motion: SolvedMotion, other: SolvedMotion) -> bool:
+    """Whether two solutions are one motion."""
+    if motion.period != other.period:
+        return False
+    deflections = motion.response.deflections
+    return difference(deflections, other.response.deflections, motion.period) <= SAME
+
+
+def _periodic_motion(motion: SolvedMotion) -> PeriodicMotion:
+    """The PeriodicMotion of a solution."""
+    decided = tendency(motion.response)
+    return PeriodicMotion(
+        motion.response, motion.period, decided.attracts, decided.stability
+    )
+
+
+def _marched(train: DriveTrain, rpm: float, request: Request) -> list[SolvedMotion]:
+    """Motions to which marches come, from several starts side by
     side.
     """
     neighbour_rpm = rpm * np.array(NEIGHBOURS)
@@ -154,7 +164,7 @@ def _marched(
         list(range(len(start_motions) + 1)), dict(enumerate(start_motions, 1))
     )
     return [
-        (state.response, state.period)
+        SolvedMotion(state.response, state.period)
         for state in states.values()
         if state.response is not None
     ]
@@ -192,44 +202,44 @@ def searched(
     """Yield the Responses of the motions of one cycle that searches find, some more
     than once; each has the path that led to it.
     """
-    case = starts.Case(train, rpm, request, plan)
+    attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan))
     if not train.topology.has_law.any():
-        yield from _attempted(case, starts.from_contact)
+        yield from _attempted(attempts, starts.in_contact(attempts))
         return
     # Teeth that the linear motion holds on a flank another motion may separate.
-    case.reached = all_active(train, plan, request)
+    attempts.reached = starts.Reached(all_active(train, plan, request))
     swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
     if swept is None:
-        yield from _attempted(case, starts.from_contact)
-        yield from _attempted(case, starts.from_sweeps)
+        yield from _attempted(attempts, starts.in_contact(attempts))
+        yield from _attempted(attempts, starts.from_sweeps(attempts))
     else:
         search = OrbitSearch(swept, rpm)
         for response in search.motions():
             if request.harmonics is None:
                 yield response
             else:
-                yield from _attempted(
-                    case, starts.from_response(response), response.path
-                )
-        case.sweep_change = search.sweep_change
-    yield from _attempted(case, starts.shooting)
+                from_response = starts.from_response(response, attempts)
+                yield from _attempted(attempts, from_response, response.path)
+        attempts.reached = dataclasses.replace(
+            attempts.reached, sweep_change=search.sweep_change
+        )
+    yield from _attempted(attempts, starts.shooting(attempts))
 
 
 def _attempted(
-    case: starts.Case, strategy: Callable[[starts.Case], Iterable], path: Sequence = ()
+    attempts: starts.Attempts, further: Iterable[starts.Attempt], path: Sequence = ()
 ) -> Iterator[Response]:
-    """Yield the Responses of all attempts of a strategy that Newton's method solves,
-    after the events of a path.
+    """Yield the Responses of all further attempts that Newton's method solves, after
+    the events of a path.
     """
-    for attempt in strategy(case):
-        case.path[:] = path
-        starts.refine(case, *attempt)
-        plan = case.reached
-        assert plan is not None  # of the refinement
+    case = attempts.case
+    for attempt in further:
+        attempts.path = list(path)
+        attempts.refine(attempt)
+        reached = attempts.reached
         # In contact: other motions, if there are any, need all meshes unknown.
-        if not plan.active:
-            case.reached = all_active(case.train, plan, case.request)
-        response = case.response
-        assert response is not None  # of the refinement
-        if response.solved:
-            yield response
+        if not reached.plan.active:
+            every_mesh = all_active(case.train, reached.plan, case.request)
+            attempts.reached = dataclasses.replace(reached, plan=every_mesh)
+        if attempts.response.solved:
+            yield attempts.response

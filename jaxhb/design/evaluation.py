@@ -26,7 +26,7 @@ from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb._threads import side_by_side
 from jaxhb.balance.derivative import all_finite, only_if
-from jaxhb.balance.plan import RESIDUAL, Plan, Request
+from jaxhb.balance.plan import RESIDUAL, Goals, Plan, ProgramShape, Request
 from jaxhb.balance.problem import ActiveMeshes, Problem, problem_at
 from jaxhb.balance.program import (
     START_SETTLED,
@@ -564,9 +564,9 @@ class Evaluator:
                     motion,
                     plan.active_meshes,
                     form=self.form,
-                    sizes=plan.static,
+                    shape=plan.shape,
                 )
-                if (np.asarray(errors)[: len(chunk)] > plan.goals[0]).any():
+                if (np.asarray(errors)[: len(chunk)] > plan.goals.truncation).any():
                     plans[number] = dataclasses.replace(
                         plan, harmonics=higher, tolerance_share=1.0
                     )
@@ -713,22 +713,25 @@ class Lanes:
         motion: Array = np.zeros((len(from_motion), 0, plan.harmonics + 1), complex)
         if plan.active:
             motion = of_active_meshes(point.motion[places], plan)
-        start = (
-            motion,
-            from_motion,
-            np.full(len(from_motion), plan.cycles * marching),
-            np.full(len(from_motion), START_SETTLED),
+        lanes = len(from_motion)
+        start = Start(
+            deflection=motion,
+            is_given=from_motion,
+            sweeps=np.full(lanes, plan.cycles * marching),
+            settled=np.full(lanes, START_SETTLED),
         )
-        goals = np.tile(
-            [1.0, RESIDUAL, evaluator.task.step_tolerance], (len(from_motion), 1)
+        goals = Goals(
+            truncation=np.full(lanes, 1.0),
+            residual=np.full(lanes, RESIDUAL),
+            step=np.full(lanes, evaluator.task.step_tolerance),
         )
         # Whether a plan has enough harmonics is asked by itself.
-        sizes = dataclasses.replace(
-            plan.static,
+        shape = dataclasses.replace(
+            plan.shape,
             max_steps=NEWTON_STEPS,
             estimated=False,
             compare_starts=True,
-            start="march",
+            marches=True,
             averaged=True,
         )
         form = evaluator.form
@@ -744,7 +747,7 @@ class Lanes:
             plan.active_meshes,
             form=form,
             readings=readings,
-            sizes=sizes,
+            shape=shape,
         )
         pull = partial(
             pull_lanes,
@@ -755,7 +758,7 @@ class Lanes:
             plan.active_meshes,
             form=form,
             readings=readings,
-            sizes=sizes,
+            shape=shape,
         )
         motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
         solved = status, motion, from_motion & (np.asarray(sweeps) == 0), smooth, exact
@@ -940,35 +943,35 @@ def train_and_problem(
     return jax.tree.unflatten(structure, leaves)
 
 
-@partial(Program, static_argnames=("form", "readings", "sizes"))
+@partial(Program, static_argnames=("form", "readings", "shape"))
 def read_lanes(
     numbers: Sequence[Array],
     held: Sequence[Array],
     rpm: Array,
-    start: tuple[Array, ...],
-    goals: Array,
+    start: Start,
+    goals: Goals,
     active_meshes: ActiveMeshes,
     *,
     form: Form,
     readings: tuple[ResponseReading, ...],
-    sizes: Plan,
+    shape: ProgramShape,
 ) -> Any:
     """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for
     :func:`pull_lanes`; and status ``(c,)``, sweeps to its start or 0 ``(c,)``,
     deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
-    def lane(numbers: list[Array], speed: Array, start: Start, goals: Array) -> Any:
+    def lane(numbers: list[Array], speed: Array, start: Start, goals: Goals) -> Any:
         train, problem = train_and_problem(form, numbers, held)
-        solution = find(problem, active_meshes, start, goals, sizes)
-        response = respond(train, speed, problem, solution[0], sizes)
+        solution = find(problem, active_meshes, start, goals, shape)
+        response = respond(train, speed, problem, solution.outcome)
         exact = [
             QUANTITIES[quantity].exact_value(response, of, order)
             for quantity, of, order, _ in readings
         ]
         outcome = (
             jnp.asarray(response.status),
-            solution[0].sweeps,
+            solution.outcome.sweeps,
             response.deflections,
             jnp.stack(exact),
         )
@@ -977,7 +980,7 @@ def read_lanes(
     return _each(lane, numbers, rpm, start, goals)
 
 
-@partial(Program, static_argnames=("form", "readings", "sizes"))
+@partial(Program, static_argnames=("form", "readings", "shape"))
 def pull_lanes(
     numbers: Sequence[Array],
     held: Sequence[Array],
@@ -988,7 +991,7 @@ def pull_lanes(
     *,
     form: Form,
     readings: tuple[ResponseReading, ...],
-    sizes: Plan,
+    shape: ProgramShape,
 ) -> list[Array]:
     """Pull a derivative by the readings ``(c, J)`` of lanes, of which
     :func:`read_lanes` gave the ``solution``, back to their numbers.
@@ -1001,10 +1004,8 @@ def pull_lanes(
             train, problem = train_and_problem(
                 form, only_if(all_finite(numbers), numbers), held
             )
-            outcome = differentiable(problem, active_meshes, solution, sizes)
-            return _differentiated(
-                respond(train, speed, problem, outcome, sizes), readings
-            )
+            outcome = differentiable(problem, active_meshes, solution, shape)
+            return _differentiated(respond(train, speed, problem, outcome), readings)
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
 
@@ -1035,7 +1036,7 @@ def _each(lane: Callable[..., Any], *batch: Any) -> Any:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], single)
 
 
-@partial(Program, static_argnames=("form", "sizes"))
+@partial(Program, static_argnames=("form", "shape"))
 def estimate_lanes(
     numbers: Sequence[Array],
     held: Sequence[Array],
@@ -1043,7 +1044,7 @@ def estimate_lanes(
     active_meshes: ActiveMeshes,
     *,
     form: Form,
-    sizes: Plan,
+    shape: ProgramShape,
 ) -> Array:
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the
     active meshes.
@@ -1051,7 +1052,7 @@ def estimate_lanes(
 
     def lane(numbers: list[Array], motion: Array) -> Array:
         _, problem = train_and_problem(form, numbers, held)
-        return estimate(problem, active_meshes, motion, sizes)
+        return estimate(problem, active_meshes, motion, shape)
 
     return _each(lane, numbers, motion)
 

@@ -221,18 +221,31 @@ def stability(response: Response) -> Stability:
     return Stability(multipliers[order], rotation[order], liouville)
 
 
-def attracts(response: Response) -> tuple[bool | None, Stability | None, str]:
-    """Decide whether a train near a periodic motion runs into it, with its
-    :class:`Stability`, None for both where that is not decided; and the sentence that
-    says why.
+@dataclass(frozen=True)
+class Tendency:
+    """Tendency of a train near a periodic motion: the :class:`Stability` of the motion,
+    None where it is not decided, and the sentence that says why.
+    """
+
+    stability: Stability | None
+    refusal: str = ""
+
+    @property
+    def attracts(self) -> bool | None:
+        """Whether the train runs into the motion; None where that is not decided."""
+        return None if self.stability is None else bool(self.stability.stable)
+
+
+def tendency(response: Response) -> Tendency:
+    """Decide, where that can be done, whether a train near a periodic motion runs into
+    it.
     """
     try:
-        of_motion = stability(response)
+        return Tendency(stability(response))
     except np.linalg.LinAlgError:  # a ValueError, and no refusal
         raise
     except ValueError as refusal:
-        return None, None, str(refusal)
-    return bool(of_motion.stable), of_motion, ""
+        return Tendency(None, str(refusal))
 
 
 def train_of(response: Response) -> DriveTrain:

@@ -17,7 +17,13 @@ from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import displacements_and_bends
 from jaxhb.equations.state_space import Modes, matrices, static_response
-from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
+from jaxhb.integration.step import (
+    KrogstadWeights,
+    Stepper,
+    force_on_flank,
+    krogstad,
+    rows_of,
+)
 from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation
@@ -121,17 +127,11 @@ def steppers(
     def at_every_speed(values: Array) -> np.ndarray:
         return np.broadcast_to(values, (len(linear), *np.shape(values)))
 
-    weights = _weights(modes, 2 * np.pi / linear_motion.frequency[:, None] / steps)
     variation = None
     if meshes.variation is not None:
         variation = at_every_speed(rows_of(meshes.variation, steps))
     return Stepper(
-        propagator=weights["propagator"],
-        ahead=weights["ahead"],
-        weights=weights["weights"],
-        first=weights["first"],
-        second=weights["second"],
-        third=weights["third"],
+        weights=_weights(modes, 2 * np.pi / linear_motion.frequency[:, None] / steps),
         linear=linear,
         observation=at_every_speed(
             np.concatenate([modes.observation.real, -modes.observation.imag], axis=1)
@@ -143,10 +143,8 @@ def steppers(
     )
 
 
-def _weights(modes: Modes, dt: np.ndarray) -> dict[str, np.ndarray]:
-    """Propagators and stage weights of Krogstad's scheme for steps of ``dt`` ``(L, 1)``
-    seconds.
-    """
+def _weights(modes: Modes, dt: np.ndarray) -> KrogstadWeights:
+    """The weights of steps of ``dt`` ``(L, 1)`` seconds."""
     exponent = modes.rates * dt
     half_1, half_2 = (dt * phi for phi in _phi_functions(exponent / 2)[:2])
     full_1, full_2, full_3 = (dt * phi for phi in _phi_functions(exponent))
@@ -170,22 +168,22 @@ def _weights(modes: Modes, dt: np.ndarray) -> dict[str, np.ndarray]:
         axis=1,
     )
     end_states = forced_states(end)
-    return {
-        "propagator": np.stack(
+    return KrogstadWeights(
+        propagator=np.stack(
             [
                 np.stack([propagator.real, -propagator.imag], 1),
                 np.stack([propagator.imag, propagator.real], 1),
             ],
             1,
         ),
-        "ahead": np.concatenate([ahead.real, -ahead.imag], axis=2),
-        "weights": np.concatenate(
+        ahead=np.concatenate([ahead.real, -ahead.imag], axis=2),
+        first=observed(forced_states(first)),
+        second=observed(forced_states(second)),
+        third=observed(forced_states(third)),
+        end=np.concatenate(
             [end_states.real, end_states.imag, observed(end_states)], axis=1
         ),
-        "first": observed(forced_states(first)),
-        "second": observed(forced_states(second)),
-        "third": observed(forced_states(third)),
-    }
+    )
 
 
 def _phi_functions(z: np.ndarray) -> tuple[np.ndarray, ...]:

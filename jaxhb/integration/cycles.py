@@ -47,6 +47,60 @@ class Outputs:
     beside: Array | None = None
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class QuantityNumbers:
+    """Numbers of Q quantities over each of some cycles, ``(cycles, Q)``; square : mean
+    of squares.
+    """
+
+    highest: Array
+    lowest: Array
+    mean: Array
+    square: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ContactNumbers:
+    """Contact of G backlash meshes over each of some cycles, ``(cycles, G)``: shares of
+    the cycle beyond the gap on either side, entries into contact, and approach speed of
+    the hardest of them in m/s.
+    """
+
+    above: Array
+    below: Array
+    impacts: Array
+    hardest: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CycleNumbers:
+    """Numbers to which recorded cycles are reduced."""
+
+    quantities: QuantityNumbers
+    contacts: ContactNumbers
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Marched:
+    """Some cycles that were marched.
+
+    state ``(2m,)`` at their end; samples ``(CYCLES, SAMPLES, 2G)``, (l, l') at
+    equidistant time samples of each cycle, then zeros; trace ``(steps + 1, 2G)``,
+    (l, l') of the last cycle; of recorded cycles, else None: numbers of CYCLES, then
+    zeros, and power ``(Q, H+1)``, the sum of |x^n|^2 over the cycles.
+    """
+
+    state: Array
+    samples: Array
+    trace: Array
+    numbers: CycleNumbers | None
+    power: Array | None
+
+
 def cut(outputs: Outputs | None, by_speed: Any, shared: Any) -> Outputs | None:
     """Tree of the axes of Outputs of several speeds: ``by_speed`` for arrays that each
     speed has its own row of, ``shared`` for the others; None for None.
@@ -142,15 +196,7 @@ def _rows(
 @Program
 def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None):
     """March some cycles at one speed, CYCLES at most, one program for any number of
-    them; with ``outputs`` (not None) each is reduced to numbers.
-
-    Returns the state ``(2m,)``; samples ``(CYCLES, SAMPLES, 2G)``, (l, l') at
-    equidistant time samples of each cycle, then zeros; trace ``(steps + 1, 2G)``,
-    (l, l') of the last cycle; numbers, a dict of ``(CYCLES, quantities)`` max, min,
-    mean, square (mean of squares), and of ``(CYCLES, G)`` for the backlash meshes
-    above, below (shares of the cycle beyond the gap on either side), impacts (entries
-    into contact), hardest (approach speed of the hardest, m/s); power
-    ``(quantities, H+1)``, the sum of |x^n|^2 over the cycles.
+    them, each reduced to numbers with ``outputs`` (not None): the :class:`Marched`.
 
     The quantities are angles and rates of the disks, twists, their rates and torques of
     shafts and dampers, deflections and forces of meshes without backlash, deflections,
@@ -201,7 +247,7 @@ def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs 
     state, (samples, numbers), trace, power = lax.fori_loop(
         0, cycles, next_cycle, (state, rows, no_trace, no_power)
     )
-    return state, samples, trace, numbers, power
+    return Marched(state, samples, trace, numbers, power)
 
 
 @Program
@@ -227,7 +273,7 @@ def harmonics_of(steps: int) -> int:
 
 def _statistics(
     stepper: Stepper, outputs, w: Array, states: Array
-) -> tuple[dict[str, Array], Array]:
+) -> tuple[CycleNumbers, Array]:
     """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1,
     2m)``.
     """
@@ -257,10 +303,10 @@ def _statistics(
     by_samples = [
         _numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)
     ]
-    numbers, power = jax.tree.map(
+    quantities, power = jax.tree.map(
         lambda *part_leaves: jnp.concatenate(part_leaves), *by_samples
     )
-    return numbers | _contacts(law, deflection, rate), power
+    return CycleNumbers(quantities, _contacts(law, deflection, rate)), power
 
 
 def _closed(values: Array) -> Array:
@@ -268,15 +314,15 @@ def _closed(values: Array) -> Array:
     return jnp.concatenate([values, values[:, :1]], axis=1)
 
 
-def _numbers(values: Array, harmonics: int) -> tuple[dict[str, Array], Array]:
+def _numbers(values: Array, harmonics: int) -> tuple[QuantityNumbers, Array]:
     """Numbers ``(Q,)`` and power ``(Q, H+1)`` of samples ``(Q, samples + 1)``."""
     spectrum = fourier.analyze(values[:, :-1], harmonics)
-    numbers = {
-        "max": _highest(values),
-        "min": -_highest(-values),
-        "mean": values[:, :-1].mean(axis=1),
-        "square": (values[:, :-1] ** 2).mean(axis=1),
-    }
+    numbers = QuantityNumbers(
+        highest=_highest(values),
+        lowest=-_highest(-values),
+        mean=values[:, :-1].mean(axis=1),
+        square=(values[:, :-1] ** 2).mean(axis=1),
+    )
     return numbers, spectrum.real**2 + spectrum.imag**2
 
 
@@ -295,7 +341,7 @@ def _highest(values: Array) -> Array:
     )
 
 
-def _contacts(law: Law, deflection: Array, rate: Array) -> dict[str, Array]:
+def _contacts(law: Law, deflection: Array, rate: Array) -> ContactNumbers:
     """Contact over one cycle, from (l, l') ``(G, steps + 1)``."""
     distance = jnp.abs(deflection) - law.gap
     entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)
@@ -303,9 +349,9 @@ def _contacts(law: Law, deflection: Array, rate: Array) -> dict[str, Array]:
         entry, distance[:, 1:] - distance[:, :-1], 1.0
     )
     speed = jnp.abs((1 - share) * rate[:, :-1] + share * rate[:, 1:])
-    return {
-        "above": (deflection[:, :-1] >= law.gap).mean(axis=1),
-        "below": (deflection[:, :-1] <= -law.gap).mean(axis=1),
-        "impacts": entry.sum(axis=1),
-        "hardest": jnp.where(entry, speed, 0.0).max(axis=1),
-    }
+    return ContactNumbers(
+        above=(deflection[:, :-1] >= law.gap).mean(axis=1),
+        below=(deflection[:, :-1] <= -law.gap).mean(axis=1),
+        impacts=entry.sum(axis=1),
+        hardest=jnp.where(entry, speed, 0.0).max(axis=1),
+    )

@@ -17,7 +17,7 @@ from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.integration import shooting
-from jaxhb.integration.step import Stepper, Trace, discretize, march
+from jaxhb.integration.step import CycleTrace, Stepper, discretize, march
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
@@ -58,7 +58,7 @@ def _close(
     load: Array,
     coefficients: Array,
     tolerance: float | Array,
-) -> tuple[Array, Trace, Array]:
+) -> tuple[Array, CycleTrace, Array]:
     """First state ``(n,)``, cycle and Newton steps of the motion that closes next to
     displacements ``(S, N+1)`` m.
     """
@@ -95,7 +95,7 @@ class Orbit:
     (cubic through l and l')
     separated : array ``(G,)``, share of the cycle in which the teeth are apart
     periodicity_error : float, relative change over the cycle, see
-    :class:`jaxhb.integration.step.Trace`
+    :class:`jaxhb.integration.step.CycleTrace`
     settled : bool, whether the periodicity error met the tolerance
     cycles, newton_steps : int, cycles marched, 0 after shooting, and Newton steps of
     shooting

@@ -18,8 +18,8 @@ from jaxhb._jax import Array
 from jaxhb.equations import iterations
 from jaxhb.equations.state_space import StateSpace
 from jaxhb.integration.step import (
+    CycleTrace,
     Stepper,
-    Trace,
     cycle_error,
     no_samples,
     periodicity_error,
@@ -76,8 +76,8 @@ def gaps_and_error(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
 
 
-def motion(stepper: Stepper, nodes: Array) -> Trace:
-    """The :class:`~jaxhb.integration.step.Trace` of a cycle in segments; its
+def motion(stepper: Stepper, nodes: Array) -> CycleTrace:
+    """The :class:`~jaxhb.integration.step.CycleTrace` of a cycle in segments; its
     periodicity error is that of the widest gap.
     """
     segments = len(nodes)
@@ -191,7 +191,7 @@ def closing(condensed, gap: Array) -> Array:
 
 def close(
     stepper: Stepper, nodes: Array, *, tolerance: float | Array, most: int
-) -> tuple[Array, Trace, Array]:
+) -> tuple[Array, CycleTrace, Array]:
     """Newton's method on the nodes ``(K, n)`` of one train until the periodicity error
     of their :func:`motion` is at most ``tolerance``: the nodes, their motion, and
     Newton steps taken, ``most`` at most; valid under jit and vmap.

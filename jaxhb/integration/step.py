@@ -51,14 +51,31 @@ from jaxhb.train.chain import System
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class KrogstadWeights:
+    """Weights of a step of Krogstad's scheme; n = size of the state, G meshes.
+
+    propagator: exp(A dt) ``(n, n)``, of modes its blocks ``(2, 2, n/2)``; ahead ``(4G,
+    n)``: L exp(A dt) above L exp(A dt/2); first, second, third : of the forces in w at
+    the stages after the first, ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; end ``(n + 2G,
+    3G)`` of the forces (first, sum of the two in the middle, last) in state and w after
+    the step.
+    """
+
+    propagator: Array
+    ahead: Array
+    first: Array
+    second: Array
+    third: Array
+    end: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Stepper:
     """A train cut into ``steps`` equal steps per cycle at one speed; n = size of the
     state, G meshes.
 
-    propagator: exp(A dt) ``(n, n)``, of modes its blocks ``(2, 2, n/2)``; ahead ``(4G,
-    n)``: L exp(A dt) above L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces
-    (first, sum of the two in the middle, last); first, second, third : stage weights
-    ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear
+    weights : of a step; linear ``(2 steps, 2G)``: w of the linear
     train every half step, or more rows, of which the last are not used, if ``count``
     holds the number of steps (one program for many numbers); observation ``(2G, n)``:
     from a state to its part of w; law, viscous, contact_damping : of the meshes
@@ -70,12 +87,7 @@ class Stepper:
     states, too fast for the steps.
     """
 
-    propagator: Array
-    ahead: Array
-    weights: Array
-    first: Array
-    second: Array
-    third: Array
+    weights: KrogstadWeights
     linear: Array
     observation: Array
     law: Law
@@ -153,7 +165,9 @@ class Stepper:
         return deflection
 
     def advance(self, state: Array, w: Array, k: int | Array) -> tuple[Array, Array]:
-        """Deviation and w one step after step ``k`` of the cycle."""
+        """Deviation and w one step after step ``k`` of the cycle: Krogstad's four
+        stages, at the begin, twice in the middle and at the end.
+        """
         # Rows of the linear train now, half a step ahead and one step ahead
         rows = (
             2 * k,
@@ -164,46 +178,25 @@ class Stepper:
             lax.dynamic_index_in_dim(self.linear, row, keepdims=False)
             for row in rows[1:]
         )
-        next_w, middle_w = jnp.split(self.ahead @ state, 2)
+        weights = self.weights
+        next_w, middle_w = jnp.split(weights.ahead @ state, 2)
         next_w = next_linear + next_w
         middle_w = middle_linear + middle_w
 
-        def force(w, half_steps):
-            return self.nonlinear_force_at(w, rows[half_steps])
+        def force(half_steps: int, w: Array, weights: Array, *forces: Array) -> Array:
+            stage_w = w + weights @ jnp.concatenate(forces)
+            return self.nonlinear_force_at(stage_w, rows[half_steps])
 
-        change = _product(
-            self.weights, *stages(force, _product, self, w, middle_w, next_w)
-        )
+        begin = self.nonlinear_force_at(w, rows[0])
+        middle = force(1, middle_w, weights.first, begin)
+        middle_again = force(1, middle_w, weights.second, begin, middle)
+        last = force(2, next_w, weights.third, begin, middle_again)
+        forces = jnp.concatenate([begin, middle + middle_again, last])
+        change = weights.end @ forces
         return (
-            propagated(self.propagator, state) + change[: len(state)],
+            propagated(weights.propagator, state) + change[: len(state)],
             next_w + change[len(state) :],
         )
-
-
-def _product(weights: Array, *forces: Array) -> Array:
-    return weights @ jnp.concatenate(forces)
-
-
-def stages(
-    force: Callable[[Array, int], Array],
-    product: Callable[..., Array],
-    weights,
-    w: Array,
-    middle: Array,
-    ahead: Array,
-) -> tuple[Array, Array, Array]:
-    """Return the three forces of a step: first, sum of the two in the middle, last.
-
-    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are w
-    by the state alone, half a step and a step ahead; ``product(weights, *forces)`` is
-    added to them by the forces of the stages before, so that ``force(w, half_steps)``
-    needs w alone, and how many half steps its stage lies ahead.
-    """
-    f0 = force(w, 0)
-    fa = force(middle + product(weights.first, f0), 1)
-    fb = force(middle + product(weights.second, f0, fa), 1)
-    fc = force(ahead + product(weights.third, f0, fb), 2)
-    return f0, fa + fb, fc
 
 
 def krogstad(half_1: Array, half_2: Array, full_1, full_2, full_3):
@@ -295,14 +288,8 @@ def stepper_of(
     ``(2 steps, G)`` : rows every half step of its linear response and of the stiffness
     of the meshes; meshes : with their law, viscous and contact_damping.
     """
-    weights = _weights(space, 2 * jnp.pi / frequency / steps)
     return Stepper(
-        propagator=weights["propagator"],
-        ahead=weights["ahead"],
-        weights=weights["weights"],
-        first=weights["first"],
-        second=weights["second"],
-        third=weights["third"],
+        weights=_weights(space, 2 * jnp.pi / frequency / steps),
         linear=linear,
         observation=space.observation,
         linear_state=linear_state,
@@ -333,10 +320,8 @@ def with_rate(deflection: Array, frequency: Number) -> Array:
     )
 
 
-def _weights(space: StateSpace, dt: Number) -> dict[str, Array]:
-    """Propagators and stage weights of Krogstad's scheme for steps of ``dt``
-    seconds.
-    """
+def _weights(space: StateSpace, dt: Number) -> KrogstadWeights:
+    """The weights of steps of ``dt`` seconds."""
     A = space.transition
     E = space.forcing
     L = space.observation
@@ -357,14 +342,14 @@ def _weights(space: StateSpace, dt: Number) -> dict[str, Array]:
     full_1, full_2, full_3 = jnp.split(step_exponential[:n, n:], 3, axis=1)
     first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
     end = jnp.concatenate(end, axis=1)
-    return {
-        "propagator": paired(E_full) if space.in_modes else E_full,
-        "ahead": jnp.concatenate([L @ E_full, L @ E_half]),
-        "weights": jnp.concatenate([end, L @ end]),
-        "first": L @ first[0],
-        "second": L @ jnp.concatenate(second, axis=1),
-        "third": L @ jnp.concatenate(third, axis=1),
-    }
+    return KrogstadWeights(
+        propagator=paired(E_full) if space.in_modes else E_full,
+        ahead=jnp.concatenate([L @ E_full, L @ E_half]),
+        first=L @ first[0],
+        second=L @ jnp.concatenate(second, axis=1),
+        third=L @ jnp.concatenate(third, axis=1),
+        end=jnp.concatenate([end, L @ end]),
+    )
 
 
 def exponential(matrix: Array) -> Array:
@@ -384,7 +369,7 @@ def exponential(matrix: Array) -> Array:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Trace:
+class CycleTrace:
     """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros
     where there is room for more.
 
@@ -442,9 +427,9 @@ def _whole(stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any):
     return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
 
-def cycle(stepper: Stepper, state: Array) -> tuple[Array, Trace]:
+def cycle(stepper: Stepper, state: Array) -> tuple[Array, CycleTrace]:
     """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its
-    :class:`Trace`.
+    :class:`CycleTrace`.
     """
     end, change, samples = _whole(
         stepper, state, put, no_samples(stepper, stepper.capacity)
@@ -454,7 +439,7 @@ def cycle(stepper: Stepper, state: Array) -> tuple[Array, Trace]:
 
 def cycle_error(stepper: Stepper, state: Array) -> tuple[Array, Array]:
     """State after one cycle from ``state``, and the periodicity error of its
-    :class:`Trace`; no samples are kept.
+    :class:`CycleTrace`; no samples are kept.
     """
     end, change, largest = _whole(stepper, state, *watch(stepper))
     return end, periodicity_error(stepper, change, largest)
@@ -485,8 +470,8 @@ def watch(stepper: Stepper) -> tuple[Callable[..., Array], Array]:
 
 
 def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> Array:
-    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections
-    and rates, ``(2G,)`` each.
+    """Periodicity error, see :class:`CycleTrace`, of a change and the largest of
+    deflections and rates, ``(2G,)`` each.
     """
     assert stepper.frequency is not None  # a stepper of one speed
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
@@ -496,16 +481,16 @@ def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> Array:
     )
 
 
-def trace_of(stepper: Stepper, samples: Array, change: Array) -> Trace:
-    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its
-    change ``(2G,)`` over the cycle.
+def trace_of(stepper: Stepper, samples: Array, change: Array) -> CycleTrace:
+    """The CycleTrace from w ``(capacity, 2G)``, (l, l') of the states, and its change
+    ``(2G,)`` over the cycle.
     """
     deflection = jax.vmap(stepper.with_fast_modes)(
         samples, 2 * jnp.arange(len(samples))
     ).T
     rate = jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
-    return Trace(deflection, rate, periodicity_error(stepper, change, largest))
+    return CycleTrace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
 def march(
@@ -514,10 +499,10 @@ def march(
     *,
     tolerance: float | Array = 1e-6,
     max_cycles: int | Array = 200,
-) -> tuple[Array, Trace, Array]:
+) -> tuple[Array, CycleTrace, Array]:
     """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a
     ``trace.periodicity_error``, is not finite, or ``max_cycles`` have passed: state
-    ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
+    ``(n,)``, CycleTrace of the last cycle, cycles; valid under jit and vmap.
 
     No cycle closes where the motion is not periodic, has a longer period or decays too
     slowly. A slow drift closes every cycle to the drift of one cycle.
@@ -535,8 +520,8 @@ def march(
         state, _, cycles = carry
         return *cycle(stepper, state), cycles + 1
 
-    # With an empty Trace to begin with the loop holds one copy of a cycle, and compiles
-    # faster.
+    # With an empty CycleTrace to begin with the loop holds one copy of a cycle, and
+    # compiles faster.
     empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
-    begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
+    begin = state, CycleTrace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
     return lax.while_loop(unfinished, next_cycle, begin)

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import QUANTITIES, label
-from jaxhb.floquet.stability import Stability, attracts
+from jaxhb.floquet.stability import Stability, tendency
 from jaxhb.report.answer import UNCONFIRMED, Answer, Axis, Case
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
@@ -237,8 +237,8 @@ def _stability_of(state: SteadyState) -> tuple[Stability | None, str]:
         return None, ""
     if state.stability is not None:
         return cast(Stability, state.stability), ""
-    _, stability, refusal = attracts(state.response)
-    return stability, "" if state.linear else refusal
+    decided = tendency(state.response)
+    return decided.stability, "" if state.linear else decided.refusal
 
 
 def answer_values(

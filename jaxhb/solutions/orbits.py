@@ -132,8 +132,7 @@ class _Map:
                 self.plan,
             )
             outcome = jax.tree.map(np.asarray, outcome)
-        reached = train.plan_of(outcome.deflection.shape[-1] - 1)
-        return response_of(train.train, self.rpm, self.problem, outcome, reached, path)
+        return response_of(train.train, self.rpm, self.problem, outcome, path)
 
 
 @dataclasses.dataclass(frozen=True)

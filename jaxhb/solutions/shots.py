@@ -96,7 +96,7 @@ def work_of_cycle(train: DriveTrain, time_steps: int) -> int:
 
 def reduced_stepper(train: DriveTrain, rpm: float, plan: Plan) -> Stepper:
     """The Stepper of a train with the meshes and time steps of a Plan."""
-    problem = problem_at(train, rpm, plan.static.excited)
+    problem = problem_at(train, rpm, plan.shape.excited)
     stepper, response, variation = _equations(
         problem, plan.active_meshes, plan.time_steps
     )

@@ -11,13 +11,14 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
 from jaxhb.balance.plan import (
     MOST_HARMONICS,
+    FailedGradient,
     Plan,
     Request,
     check_harmonics,
@@ -159,16 +160,17 @@ def solve(
             " outside"
         )
     request = Request.of(train, harmonics, tolerance, method, integrals)
-    case = _decide(concrete_train, concrete_rpm, request, start, seconds)
-    assert case.response is not None and case.reached is not None, "no attempt"
+    attempts = _decide(concrete_train, concrete_rpm, request, start, seconds)
+    response = attempts.response
     # Traced by differentiation alone: solved already, the program only adds the
     # derivative.
     if traced(train, rpm):
-        response = solve_planned(train, rpm, _exact(case.reached), case.response)
-        return dataclasses.replace(response, path=case.response.path)
+        plan = _exact(attempts.reached.plan)
+        differentiable = solve_planned(train, rpm, plan, response)
+        return dataclasses.replace(differentiable, path=response.path)
     if certify:
-        return _certified(case.response, harmonics, method, integrals)
-    return case.response
+        return _certified(response, harmonics, method, integrals)
+    return response
 
 
 def _certified(
@@ -276,20 +278,22 @@ def plan(
         decided = _plan_of_several(train, speeds, request, active)
     else:
         decided = _plan_of_one(train, rpm, request)
-    return dataclasses.replace(decided, failed_gradient=failed_gradient)
+    return dataclasses.replace(
+        decided, failed_gradient=cast(FailedGradient, failed_gradient)
+    )
 
 
 def _plan_of_one(train: DriveTrain, rpm: Any, request: Request) -> Plan:
     """The plan of one speed, from whatever start led to its motion."""
-    case = _decide(train, rpm, request, None, by_sweeps=False)
-    assert case.response is not None and case.reached is not None, "no attempt"
+    attempts = _decide(train, rpm, request, None, by_sweeps=False)
+    response = attempts.response
     # Where a mesh left its flank, refine has planned again. What can still be violated
     # is the number of crossings that exact integrals have room for, at this speed:
     # every solve under the plan verifies it and says so by its status.
-    if case.status > Status.PLAN_VIOLATED:
-        check(case.response)
-    plan = _exact(case.reached)
-    if plan.active and solve_planned(train, rpm, plan).status > case.status:
+    if response.status > Status.PLAN_VIOLATED:
+        check(response)
+    plan = _exact(attempts.reached.plan)
+    if plan.active and solve_planned(train, rpm, plan).status > response.status:
         return dataclasses.replace(plan, start="response")
     return plan
 
@@ -382,17 +386,13 @@ def solve_again(
     marched : whether that attempt began with a march, where the plan has one; swept :
     whether it was a solve by sweeps.
     """
-    failed = starts.from_sweeps if plan.marches and marched else starts.contact
-    remaining = (
-        starts.BESIDE_SWEEPS
-        if swept
-        else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
-    )
-    strategies = (
-        remaining if start is None else (starts.from_response(start), *remaining)
-    )
-    case = starts.Case(train, rpm, request, plan)
-    return starts.first_solved(case, strategies).response
+    failed = starts.SWEEPS if plan.marches and marched else starts.CONTACT
+    strategies = (starts.SHOOTING,) if swept else starts.costlier_than(failed)
+    if start is not None:
+        strategies = (starts.motion_at_hand(start), *strategies)
+    attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan))
+    attempts.make(strategies)
+    return None if attempts.reached.response is None else attempts.response
 
 
 def _decide(
@@ -402,29 +402,29 @@ def _decide(
     start: Response | str | None,
     seconds: float | None = None,
     by_sweeps: bool = True,
-) -> starts.Case:
-    """The Case of one speed after all start strategies, or after those that ``start``
-    leaves.
+) -> starts.Attempts:
+    """The Attempts at one speed after all start strategies, or after those that
+    ``start`` leaves.
 
     by_sweeps : whether sweeps come first, where they serve; a plan needs a start of
     Newton's method instead.
     """
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
-    if start is None:
-        strategies: tuple[starts.Strategy, ...] = starts.STRATEGIES
-    elif start == "linear" or not train.topology.has_law.any():
-        strategies = (starts.from_contact,)
+    strategies: tuple[starts.Strategy, ...] = starts.STRATEGIES
+    if start == "linear" or start is not None and not train.topology.has_law.any():
+        strategies = (starts.IN_CONTACT,)
+    elif isinstance(start, Response):
+        strategies = (starts.motion_at_hand(start),)
     elif start == "march":
         plan = planning.all_active(train, plan, request)
-        strategies = starts.STRATEGIES[starts.STRATEGIES.index(starts.from_sweeps) :]
-    else:
-        assert isinstance(start, Response)
-        strategies = (starts.from_response(start),)
+        strategies = (starts.SWEEPS, *starts.costlier_than(starts.SWEEPS))
     deadline = math.inf if seconds is None else time.monotonic() + seconds
-    case = starts.Case(train, rpm, request, plan, deadline=deadline)
+    attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan, deadline))
     if by_sweeps and start is None:
-        starts.sweep(case)
-    if case.response is not None:
-        strategies = starts.BESIDE_SWEEPS
-    return case if case.solved else starts.first_solved(case, strategies)
+        attempts.sweep()
+        if attempts.reached.response is not None:
+            strategies = (starts.SHOOTING,)
+    if not attempts.reached.solved:
+        attempts.make(strategies)
+    return attempts

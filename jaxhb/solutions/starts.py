@@ -1,23 +1,22 @@
 """Start strategies: ways to a start of Newton's method, tried one after another until
 the equations are solved.
 
-A start strategy is a function ``strategy(case)`` that yields attempts ``(plan,
-initial_guess, event)``: deflections ``(G, n+1)`` from which Newton's method is to start
-under a plan, None for the start that the plan has, and the event that led to them. The
-next attempt is taken where Newton's method did not solve the last. The cheap strategies
-come first: from teeth in contact Newton's method succeeds where no tooth separates,
-from sweeps where the motion becomes periodic within a few cycles, and from the motion
-that a solve by sweeps alone finds, whatever harmonics and integrals the request has.
-Shooting finds more than all of them, and takes longest.
+A start strategy yields one :class:`Attempt` after another; the next is made where
+Newton's method did not solve the last. The cheap strategies come first: from teeth in
+contact Newton's method succeeds where no tooth separates, from sweeps where the motion
+becomes periodic within a few cycles, and from the motion that a solve by sweeps alone
+finds, whatever harmonics and integrals the request has. Shooting finds more than all of
+them, and takes longest.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -36,7 +35,6 @@ from jaxhb.balance.program import (
     active_deflections,
     first_start,
     solve_once,
-    solve_problem,
 )
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
@@ -54,25 +52,18 @@ FINEST_SHOTS = 4
 BRIEF = 1e7
 
 
-@dataclass
-class Case:
-    """One train at one speed and one request: the parts that its attempts share, and
-    the outcome of the last attempt.
+@dataclass(frozen=True)
+class SolveCase:
+    """Question that attempts answer: one train at one speed, a request, the plan that
+    the linear motion tells, and the time on the monotonic clock after which no further
+    attempt begins.
     """
 
     train: DriveTrain
     rpm: float
     request: Request
-    plan: Plan  # from the linear motion; strategies change copies of it
-    deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
-    # Events so far; strategies and ``refine`` add theirs
-    path: list = field(default_factory=list)
-    response: Response | None = None  # of the last attempt
-    reached: Plan | None = None  # its plan in the end
-    solved: bool = False  # or not to be solved: no further attempt is needed
-    # By the last of the sweeps; inf where there was none, or it was not finite
-    sweep_change: float = math.inf
-    harmonics: int = 0  # the fewest that the tolerance needs, as far as attempts show
+    plan: Plan
+    deadline: float = math.inf
 
     @cached_property
     def modes(self) -> np.ndarray:
@@ -86,20 +77,12 @@ class Case:
     @cached_property
     def problem(self) -> Problem:
         """The equations at this speed."""
-        return problem_at(self.train, self.rpm, self.plan.static.excited)
+        return problem_at(self.train, self.rpm, self.plan.shape.excited)
 
     @property
-    def settled(self) -> bool:
-        """Whether sweeps settled: Newton's method then lacks shorter steps or more
-        harmonics.
-        """
-        return self.sweep_change <= START_SETTLED
-
-    @property
-    def status(self) -> Status:
-        """The Status of the last attempt."""
-        assert self.response is not None, "no attempt has been made"
-        return Status(int(self.response.status))
+    def resolving(self) -> int:
+        """Time steps a cycle that resolve the mesh modes and the excitation."""
+        return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
 
     def next_level(self, harmonics: int) -> int | None:
         """The number of harmonics to try after ``harmonics``; None at the limit."""
@@ -119,201 +102,234 @@ class Case:
         share = planning.tolerance_share(plan.harmonics, self.modes[1])
         return dataclasses.replace(plan, tolerance_share=share, time_steps=steps)
 
+
+@dataclass(frozen=True)
+class Attempt:
+    """Start that Newton's method is to try: a plan; deflections ``(G, n+1)`` m, None
+    for the start that the plan has; and the event that led to them.
+    """
+
+    plan: Plan
+    deflection: Array | None = None
+    event: March | Shooting | None = None
+
+
+@dataclass(frozen=True)
+class Reached:
+    """State after an attempt: its plan in the end and its Response, None before the
+    first; harmonics, the fewest that the tolerance needs as far as the attempt shows;
+    sweep_change, by the last of the sweeps, inf where there were none or it was not
+    finite.
+    """
+
+    plan: Plan
+    response: Response | None = None
+    harmonics: int = 0
+    sweep_change: float = math.inf
+
     @property
-    def resolving(self) -> int:
-        """Time steps a cycle that resolve the mesh modes and the excitation."""
-        return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
+    def solved(self) -> bool:
+        """Whether no further attempt is needed: solved, or not to be solved from
+        anywhere, as a resonance without damping, or torques that do not balance.
+        """
+        if self.response is None:
+            return False
+        return not Status(int(self.response.status)).another_start_may_help
+
+    @property
+    def settled(self) -> bool:
+        """Whether sweeps settled: Newton's method then lacks shorter steps or more
+        harmonics.
+        """
+        return self.sweep_change <= START_SETTLED
+
+
+class Attempts:
+    """Attempts at a case: the events so far, and what the last attempt reached."""
+
+    def __init__(self, case: SolveCase):
+        self.case = case
+        self.path: list = []
+        self.reached = Reached(case.plan)
+
+    @property
+    def response(self) -> Response:
+        """The Response of the last attempt, with the events of all."""
+        assert self.reached.response is not None, "no attempt has been made"
+        return dataclasses.replace(self.reached.response, path=tuple(self.path))
+
+    def is_late(self) -> bool:
+        """Whether the deadline is over, and one attempt is made."""
+        late = time.monotonic() > self.case.deadline
+        return late and self.reached.response is not None
 
     def march_plan(self) -> Plan:
         """The plan of a march: above the mesh modes, below which the harmonics often
         have no solution nearby.
         """
-        latest = self.reached or self.plan
-        plan = self.plan
+        case = self.case
+        plan = case.plan
         harmonics = plan.harmonics
-        steps = max(plan.time_steps, self.resolving)
-        if self.request.harmonics is None:
-            level = planning.first_level(0, self.modes[0])
+        steps = max(plan.time_steps, case.resolving)
+        if case.request.harmonics is None:
+            level = planning.first_level(0, case.modes[0])
             harmonics = max(harmonics, min(level, MOST_HARMONICS[plan.method]))
         return dataclasses.replace(
             plan,
-            active=latest.active,
-            flank=latest.flank,
+            active=self.reached.plan.active,
+            flank=self.reached.plan.flank,
             harmonics=harmonics,
             start="march",
             time_steps=steps,
         )
 
+    def make(self, strategies: Iterable[Strategy]) -> None:
+        """Make the attempts of strategies until one is solved, or the deadline is over;
+        the first in any case.
+        """
+        for strategy in strategies:
+            if self.is_late():
+                return
+            for attempt in strategy.attempts(self):
+                self.refine(attempt)
+                if self.reached.solved:
+                    return
+                if self.is_late():
+                    break
 
-Attempt = tuple[Plan, np.ndarray | None, Shooting | None]
-Strategy = Callable[[Case], Iterator[Attempt]]
+    def refine(self, attempt: Attempt) -> None:
+        """Make an attempt: Newton's method with more and more harmonics until the
+        tolerance is met.
 
+        Where a mesh leaves the flank that the plan held it on, Newton's method begins
+        again with all meshes unknown.
+        """
+        case = self.case
+        plan = attempt.plan
+        deflection = attempt.deflection
+        sweep_change = self.reached.sweep_change
+        harmonics = 0
+        if attempt.event is not None:
+            self.path.append(attempt.event)
+        while True:
+            marches = plan.marches and deflection is None
+            plan = case.resolved(plan)
+            begin = first_start(plan, marches=marches, given=deflection)
+            response, outcome = solve_once(
+                case.train, case.rpm, case.problem, plan, begin
+            )
+            if marches:
+                error = float(outcome.periodicity_error)
+                sweep_change = error if math.isfinite(error) else math.inf
+            self.path += response.path
+            status = Status(int(response.status))
+            higher = (
+                case.next_level(plan.harmonics)
+                if case.request.harmonics is None
+                else None
+            )
+            if status == Status.PLAN_VIOLATED and any(plan.flank):
+                deflection = None
+                plan = planning.all_active(case.train, plan, case.request)
+            elif status == Status.TOLERANCE_NOT_MET and higher:
+                # The motion with too few harmonics is the start with more: the low ones
+                # change little.
+                deflection = outcome.deflection
+                harmonics = higher
+                plan = dataclasses.replace(plan, harmonics=higher)
+            else:
+                self.reached = Reached(plan, response, harmonics, sweep_change)
+                return
 
-def first_solved(case: Case, strategies: Iterable[Strategy]) -> Case:
-    """Make the attempts of strategies until one is solved; return the case after it,
-    else after the last attempt, with all of them in its path.
-
-    One attempt is made even after the deadline, if a strategy yields any.
-    """
-    for strategy in strategies:
-        if case.response is not None and time.monotonic() > case.deadline:
-            break
-        for attempt in strategy(case):
-            refine(case, *attempt)
-            # Solved, or not to be solved from anywhere: a resonance without damping,
-            # torques that do not balance.
-            if case.solved:
-                return case
-            if time.monotonic() > case.deadline:
-                break
-    # With the events that led to no further attempt.
-    if case.response is not None:
-        case.response = dataclasses.replace(case.response, path=tuple(case.path))
-    return case
-
-
-def refine(
-    case: Case,
-    plan: Plan,
-    initial_guess: Array | None = None,
-    event: March | Shooting | None = None,
-) -> None:
-    """Make an attempt: Newton's method with more and more harmonics until the tolerance
-    is met.
-
-    Where a mesh leaves the flank that the plan held it on, Newton's method begins again
-    with all meshes unknown. initial_guess : deflections ``(G, n+1)`` m, None for the
-    start that the plan has; event : added to the path.
-    """
-    harmonics = 0
-    if event is not None:
-        case.path.append(event)
-    while True:
-        marches = plan.marches and initial_guess is None
-        plan = case.resolved(plan)
-        begin = first_start(plan, marches=marches, given=initial_guess)
-        response, outcome = solve_once(case.train, case.rpm, case.problem, plan, begin)
-        if marches:
-            error = float(outcome.periodicity_error)
-            case.sweep_change = error if math.isfinite(error) else math.inf
-        case.path += response.path
-        status = Status(int(response.status))
-        higher = (
-            case.next_level(plan.harmonics) if case.request.harmonics is None else None
-        )
-        if status == Status.PLAN_VIOLATED and any(plan.flank):
-            initial_guess = None
-            plan = planning.all_active(case.train, plan, case.request)
-        elif status == Status.TOLERANCE_NOT_MET and higher:
-            # The motion with too few harmonics is the start with more: the low ones
-            # change little.
-            initial_guess = outcome.deflection
-            harmonics = higher
-            plan = dataclasses.replace(plan, harmonics=higher)
-        else:
-            case.response = dataclasses.replace(response, path=tuple(case.path))
-            case.reached = plan
-            case.harmonics = harmonics
-            case.solved = not status.another_start_may_help
+    def sweep(self) -> None:
+        """Make the attempt by sweeps, where teeth part and they serve."""
+        case = self.case
+        if not case.plan.marches:
             return
+        swept = sweeping.swept_train(case.train, case.plan, case.request)
+        if swept is None:
+            return
+        response = swept.solve(float(case.rpm))
+        self.path += response.path
+        plan = dataclasses.replace(swept.plan, harmonics=response.harmonics)
+        self.reached = Reached(case.resolved(plan), response)
 
 
-def sweep(case: Case) -> None:
-    """Make the attempt by sweeps, where teeth part and they serve."""
-    swept = (
-        sweeping.swept_train(case.train, case.plan, case.request)
-        if case.plan.marches
-        else None
-    )
-    if swept is None:
-        return
-    case.response = swept.solve(float(case.rpm))
-    case.path += case.response.path
-    case.reached = case.resolved(swept.plan_of(case.response.harmonics))
-    case.solved = not case.status.another_start_may_help
-
-
-def compile_ahead(case: Case) -> Future | None:
-    """Begin to make the program that :func:`refine` runs first from deflections; return
-    the Future, None where the program is there.
+@dataclass(frozen=True)
+class Strategy:
+    """Start strategy: its name, its rank by cost, and the function that yields its
+    attempts after those that were made.
     """
-    plan = case.resolved(case.plan)
-    nothing = np.zeros((len(plan.active_meshes.mask), 1), dtype=complex)
-    begin = first_start(plan, given=nothing)
-    return solve_problem.compile_ahead(
-        case.problem, plan.active_meshes, begin, plan.goals, plan.static
-    )
+
+    name: str
+    cost: int
+    attempts: Callable[[Attempts], Iterator[Attempt]]
 
 
-def contact(case: Case) -> Iterator[Attempt]:
-    """Start from teeth in contact, where the linear motion separates none."""
-    if not case.plan.marches:
-        yield from from_contact(case)
-
-
-def from_contact(case: Case) -> Iterator[Attempt]:
+def in_contact(attempts: Attempts) -> Iterator[Attempt]:
     """Start from teeth in contact, even where the linear motion separates some."""
-    yield dataclasses.replace(case.plan, start="linear"), None, None
+    yield Attempt(dataclasses.replace(attempts.case.plan, start="linear"))
 
 
-def from_response(response: Response) -> Strategy:
-    """The strategy that starts from a motion at hand."""
-
-    def strategy(case: Case) -> Iterator[Attempt]:
-        # A mesh that the linear motion holds on a flank may separate in a motion at
-        # hand, which has the deflections of all meshes.
-        plan = planning.all_active(case.train, case.plan, case.request)
-        if (
-            case.request.harmonics is None
-            and int(response.status) == Status.TOLERANCE_NOT_MET
-        ):
-            above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
-            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
-        initial_guess = np.asarray(active_deflections(plan, response.deflections))
-        yield plan, initial_guess, None
-
-    return strategy
+def contact_unseparated(attempts: Attempts) -> Iterator[Attempt]:
+    """Start from teeth in contact, where the linear motion separates none."""
+    if not attempts.case.plan.marches:
+        yield from in_contact(attempts)
 
 
-def from_sweeps(case: Case) -> Iterator[Attempt]:
+def from_response(response: Response, attempts: Attempts) -> Iterator[Attempt]:
+    """Start from a motion at hand."""
+    # A mesh that the linear motion holds on a flank may separate in a motion at hand,
+    # which has the deflections of all meshes.
+    case = attempts.case
+    plan = planning.all_active(case.train, case.plan, case.request)
+    if (
+        case.request.harmonics is None
+        and int(response.status) == Status.TOLERANCE_NOT_MET
+    ):
+        above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
+        plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
+    yield Attempt(plan, np.asarray(active_deflections(plan, response.deflections)))
+
+
+def from_sweeps(attempts: Attempts) -> Iterator[Attempt]:
     """Start from sweeps of the cycle, as time integration goes on."""
-    plan = case.march_plan()
-    yield (
-        dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)),
-        None,
-        None,
-    )
+    plan = attempts.march_plan()
+    harmonics = max(plan.harmonics, attempts.reached.harmonics)
+    yield Attempt(dataclasses.replace(plan, harmonics=harmonics))
 
 
-def from_swept_motion(case: Case) -> Iterator[Attempt]:
+def from_swept_motion(attempts: Attempts) -> Iterator[Attempt]:
     """Start from the motion that a solve by sweeps finds, with as many harmonics as it
     needs and a law that is sampled.
     """
+    case = attempts.case
     free = dataclasses.replace(
         case.request, harmonics=None, method="reduced", integrals="sampled"
     )
     swept = sweeping.SweptTrain.of(case.train, case.plan, free)
     if swept is not None:
         response = swept.solve(float(case.rpm))
-        case.path += response.path
+        attempts.path += response.path
         if response.solved:
-            yield from from_response(response)(case)
+            yield from from_response(response, attempts)
 
 
-def shooting(case: Case, work: float = shots.WORK) -> Iterator[Attempt]:
+def shooting(attempts: Attempts, work: float = shots.WORK) -> Iterator[Attempt]:
     """Start from closed orbits (:mod:`jaxhb.solutions.shots`), of several numbers of
     time steps by turns.
     """
-    plan = case.march_plan()
-    plans = {
-        steps: dataclasses.replace(plan, time_steps=steps)
-        for steps in _steps(case, plan, work)
-    }
+    case = attempts.case
+    plan = attempts.march_plan()
     searches = {
         steps: shots.shoot(
-            case.train, case.rpm, step_plan, work=work, deadline=case.deadline
+            case.train,
+            case.rpm,
+            dataclasses.replace(plan, time_steps=steps),
+            work=work,
+            deadline=case.deadline,
         )
-        for steps, step_plan in plans.items()
+        for steps in _steps(attempts, plan, work)
     }
     left = ORBITS
     while searches and left:
@@ -323,15 +339,10 @@ def shooting(case: Case, work: float = shots.WORK) -> Iterator[Attempt]:
                 del searches[steps]
                 continue
             left -= 1
-            yield _from_orbit(case, plan, orbit, steps)
+            yield _from_orbit(attempts, plan, orbit, steps)
 
 
-def brief_shooting(case: Case) -> Iterator[Attempt]:
-    """Start from closed orbits, with a share of the shots of :func:`shooting`."""
-    yield from shooting(case, BRIEF)
-
-
-def _steps(case: Case, plan: Plan, work: float) -> list[int]:
+def _steps(attempts: Attempts, plan: Plan, work: float) -> list[int]:
     """Numbers of time steps a cycle with which orbits are searched, several as coarse
     steps bend orbits: that of the plan, not where sweeps settled, and twice and four
     times as many, as far as there is room for them and the work pays for a shot.
@@ -339,7 +350,8 @@ def _steps(case: Case, plan: Plan, work: float) -> list[int]:
     candidates = [factor * plan.time_steps for factor in (1, 2, 4)]
     finest = candidates[-1]
     shots_paid = {
-        steps: work / shots.work_of_cycle(case.train, steps) for steps in candidates
+        steps: work / shots.work_of_cycle(attempts.case.train, steps)
+        for steps in candidates
     }
     affordable = [
         steps
@@ -348,34 +360,49 @@ def _steps(case: Case, plan: Plan, work: float) -> list[int]:
         and shots_paid[steps] >= (FINEST_SHOTS if steps == finest else 1)
     ]
     return [
-        steps for steps in affordable if steps > plan.time_steps or not case.settled
+        steps
+        for steps in affordable
+        if steps > plan.time_steps or not attempts.reached.settled
     ]
 
 
-def _from_orbit(case: Case, plan: Plan, orbit: shots.FoundOrbit, steps: int) -> Attempt:
+def _from_orbit(
+    attempts: Attempts, plan: Plan, orbit: shots.FoundOrbit, steps: int
+) -> Attempt:
     """The attempt from an orbit of so many time steps, with more harmonics in
     proportion where these are free: below the reach of the steps there may be no
     solution near the orbit.
     """
     harmonics = plan.harmonics
-    if case.request.harmonics is None:
+    if attempts.case.request.harmonics is None:
         harmonics = planning.level_at_least(
             min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
         )
     plan = dataclasses.replace(
         plan,
-        harmonics=max(harmonics, case.harmonics),
+        harmonics=max(harmonics, attempts.reached.harmonics),
         time_steps=min(steps, TIME_STEPS[-1]),
     )
-    return (
-        plan,
-        orbit.coefficients,
-        Shooting(orbit.tries, steps, orbit.periodicity_error),
-    )
+    event = Shooting(orbit.tries, steps, orbit.periodicity_error)
+    return Attempt(plan, orbit.coefficients, event)
 
 
-# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the
-# answer. Where the start of one of them has failed already, or is left out, those after
-# it are tried: the order counts.
-STRATEGIES = (contact, from_sweeps, from_swept_motion, brief_shooting)
-BESIDE_SWEEPS = STRATEGIES[-1:]  # where a solve by sweeps found nothing
+# Of a solve under a plan: the first attempt that is solved is the answer.
+CONTACT = Strategy("contact", 0, contact_unseparated)
+SWEEPS = Strategy("sweeps", 1, from_sweeps)
+SWEPT_MOTION = Strategy("motion of sweeps alone", 2, from_swept_motion)
+# With a share of the shots of a search for all motions
+SHOOTING = Strategy("shooting", 3, partial(shooting, work=BRIEF))
+STRATEGIES = (CONTACT, SWEEPS, SWEPT_MOTION, SHOOTING)
+# Those of one start that is asked for
+IN_CONTACT = Strategy("contact, whatever the linear motion", 0, in_contact)
+
+
+def motion_at_hand(response: Response) -> Strategy:
+    """The strategy that starts from a motion at hand."""
+    return Strategy("motion at hand", 0, partial(from_response, response))
+
+
+def costlier_than(strategy: Strategy) -> tuple[Strategy, ...]:
+    """The strategies that are left where one has failed."""
+    return tuple(other for other in STRATEGIES if other.cost > strategy.cost)

@@ -4,7 +4,6 @@ with as many steps as they need, at any speed.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -119,7 +118,7 @@ class SweptTrain:
         failures = 0
         plans = self.sweep_plans(rpm, steps)
         for plan in plans:
-            outcome, ended, events = solve_by_sweeps(
+            solution = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
                 self.modes,
@@ -131,13 +130,15 @@ class SweptTrain:
                 newton=newton,
                 at_hand=known_deflection,
             )
-            if at_hand is not None and outcome is None:
+            path += solution.path
+            outcome = solution.outcome
+            if outcome is None:
+                assert at_hand is not None, "the motion at which sweeps settle"
                 return at_hand
-            path += events
             status = Status(int(outcome.status))
             outcomes.append(outcome)
             if status == Status.TOLERANCE_NOT_MET:
-                deflection = np.asarray(ended.deflection)
+                deflection = solution.deflection
             elif newton and status.another_start_may_help and not failures:
                 # Sweeps that go astray with long steps may settle with shorter ones
                 failures += 1
@@ -145,8 +146,7 @@ class SweptTrain:
                 break
         # The finest of the best.
         best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))
-        reached = self.plan_of(best.deflection.shape[-1] - 1)
-        return response_of(self.train, rpm, problem, best, reached, path)
+        return response_of(self.train, rpm, problem, best, path)
 
     def sweep_plans(self, rpm: float, steps: int = 0) -> list[SweepPlan]:
         """The plans that are tried at a speed one after another, with more and more
@@ -176,7 +176,3 @@ class SweptTrain:
         highest = listed_harmonic(self.train.topology)
         motions = linear_motions(self.train, [rpm], system, meshes, highest)
         return linear_start(motions)[0]
-
-    def plan_of(self, harmonics: int) -> Plan:
-        """The plan under which Newton's method has so many harmonics."""
-        return dataclasses.replace(self.plan, harmonics=harmonics)

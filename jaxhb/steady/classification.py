@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -18,7 +19,7 @@ from jaxhb.balance.plan import Request
 from jaxhb.balance.swept import ARRIVED
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
-from jaxhb.floquet.stability import NEUTRAL, Stability, attracts
+from jaxhb.floquet.stability import NEUTRAL, Stability, Tendency, tendency
 from jaxhb.results.contact import Contact
 from jaxhb.results.record import Record, SteadyContact
 from jaxhb.results.response import Response
@@ -28,7 +29,6 @@ from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, Cycles, ended
 from jaxhb.steady.confirmation import (
     LEVELS,
-    compile_ahead,
     same_motion,
     settle_marched,
     shortest_period,
@@ -56,10 +56,22 @@ HIGHER = ": ask for a higher speed, or for a periodic motion (--orbit, jaxhb.sol
 MORE_CYCLES = 32
 
 
+@dataclass(frozen=True)
+class SolvedMotion:
+    """Periodic solution over ``period`` cycles of the excitation as one."""
+
+    response: Response
+    period: int
+
+
+@dataclass(frozen=True, eq=False)
 class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one
-    device or across several; ``states`` are those at hand, by the index of their speed,
-    ``apart`` the indices of speeds where the linear motion separates teeth.
+    device or across several.
+
+    apart : indices of speeds where the linear motion separates teeth; by the index of
+    their speed, states : those at hand, and repelling : motions that marches passed by;
+    swept_trains : of :meth:`swept`, by period.
 
     Sweeps that settle are a march that did, and the motion at which they end is exact;
     the other speeds are marched. A march begins with few steps. A motion that harmonic
@@ -68,29 +80,26 @@ class Classifier:
     another kind of motion with the fewest steps than with more.
     """
 
-    def __init__(
-        self,
-        train: DriveTrain,
-        speeds: np.ndarray,
-        request: Request,
-        exact: bool,
-        cycles: Cycles,
-        devices: Sequence[Any] = (),
-    ):
-        self.devices = devices
-        self.train = train
-        self.speeds = speeds
-        self.request = request
-        self.exact = exact
-        # Cycles of a record, and of one whose extremes vary
-        self.recorded = RECORDED if cycles.recorded is None else cycles.recorded
-        self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
-        self.cycles = dataclasses.replace(cycles, recorded=self.recorded)
-        self.states: dict[int, SteadyState] = {}
-        self.apart: set[int] = set()
-        self._swept_trains: dict[int, sweeping.SweptTrain | None] = {}
-        # Motions that marches passed by, as (Response, period), by index of the speed
-        self.repelling: dict[int, list[tuple[Response, int]]] = {}
+    train: DriveTrain
+    speeds: np.ndarray
+    request: Request
+    exact: bool
+    cycles: Cycles
+    devices: Sequence[Any] = ()
+    apart: Set[int] = frozenset()
+    states: dict[int, SteadyState] = field(default_factory=dict)
+    repelling: dict[int, list[SolvedMotion]] = field(default_factory=dict)
+    swept_trains: dict[int, sweeping.SweptTrain | None] = field(default_factory=dict)
+
+    @property
+    def recorded(self) -> int:
+        """Cycles of a record."""
+        return RECORDED if self.cycles.recorded is None else self.cycles.recorded
+
+    @property
+    def longest_record(self) -> int:
+        """Cycles of a record whose extremes vary."""
+        return LONGER if self.cycles.recorded is None else self.cycles.recorded
 
     def march_to_the_end(
         self,
@@ -121,7 +130,7 @@ class Classifier:
         unswept = [index for index in indices if index not in states]
         states |= self._swept(unswept, motions, progress)
         unmarched = [index for index in indices if index not in states]
-        return states | self._march_compiled(unmarched, motions, progress)
+        return states | self._marched(unmarched, motions, progress)
 
     def swept(self, period: int) -> sweeping.SweptTrain | None:
         """The SweptTrain with so many cycles as its cycle; None where sweeps do not
@@ -129,11 +138,11 @@ class Classifier:
         """
         if not self.exact or len(self.devices) > 1:
             return None
-        if period not in self._swept_trains:
+        if period not in self.swept_trains:
             train = self.train.repeated(period) if period > 1 else self.train
             plan = planning.contact_plan(train, self.request)
-            self._swept_trains[period] = sweeping.swept_train(train, plan, self.request)
-        return self._swept_trains[period]
+            self.swept_trains[period] = sweeping.swept_train(train, plan, self.request)
+        return self.swept_trains[period]
 
     def _swept(
         self,
@@ -175,8 +184,8 @@ class Classifier:
             return None
         if response is at_hand:
             return earlier
-        attracted, stability, _ = attracts(response)
-        if not attracted:
+        decided = tendency(response)
+        if not decided.attracts:
             return None
         kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
         return state_of(
@@ -187,7 +196,7 @@ class Classifier:
             response=response,
             cycles=int(response.steps),
             motion=motion_of(self.train, response),
-            stability=stability,
+            stability=decided.stability,
         )
 
     def _unmarched(self, index: int, reason: str) -> SteadyState:
@@ -215,10 +224,9 @@ class Classifier:
         )
         if not response.solved:
             return None
-        attracted, stability, _ = attracts(response)
-        if not attracted:
+        stability = tendency(response).stability
+        if stability is None or not stability.stable:
             return None
-        assert stability is not None  # it attracts
         if neutral and stability.largest < 1 - NEUTRAL:
             return None
         notes = (
@@ -240,25 +248,6 @@ class Classifier:
             stability=stability,
             notes=notes,
         )
-
-    def _march_compiled(
-        self,
-        indices: Sequence[int],
-        motions: Mapping[int, np.ndarray],
-        progress: Callable[[int], object],
-    ) -> dict[int, SteadyState]:
-        """Steady states of speeds that are marched, while the programs that confirm
-        them are made.
-        """
-        programs = []
-        if self.exact and indices and self.swept(1) is None:
-            separates = {self.speeds[index]: index in self.apart for index in indices}
-            programs = compile_ahead(self.train, separates, self.request)
-        try:
-            return self._marched(indices, motions, progress)
-        finally:
-            for program in programs:
-                program.cancel()
 
     def _marched(
         self,
@@ -298,8 +287,9 @@ class Classifier:
                     batch.begin(i, motions[index])
             least_spent = min(spent[index] for index in indices)
             cycles = self._cycles_of(batch, least_spent, refinement)
-            while marches := [march for march in batch.marches if not march.done]:
-                over = ended(batch, marches, cycles, self.exact)
+            running = list(batch.marches)
+            while running:
+                over = ended(batch, running, cycles, self.exact)
                 if not self.exact:
                     _record(batch, over)
                 for march, period in over:
@@ -307,13 +297,15 @@ class Classifier:
                     classification = _Classification(
                         self, index, batch, march, spent[index], refinement
                     )
-                    state = classification.state(period)
-                    march.done = state is not None or classification.needs_refinement
-                    if state is not None:
-                        states[index] = state
-                    elif classification.needs_refinement:
+                    verdict = classification.verdict(period)
+                    march.not_before = verdict.not_before
+                    if verdict.state is not None:
+                        states[index] = verdict.state
+                        running.remove(march)
+                    elif verdict.is_for_shorter_steps:
                         finer[index] = batch.motion(march)
                         spent[index] += march.cycles
+                        running.remove(march)
             motions = finer
             refinement = 2 * refinement
             refused = {
@@ -359,16 +351,17 @@ class Classifier:
         highest_rpm = max(march.rpm for march in batch.marches)
         decay = batch.equations.decay_cycles(highest_rpm)
         before = self.cycles.before_record(batch.work, decay)
+        cycles = dataclasses.replace(
+            self.cycles, transient=before, recorded=self.recorded
+        )
         if not self.exact:
-            return dataclasses.replace(self.cycles, transient=before)
+            return cycles
         if refinement == 1:
             # Looks for a period, which harmonic balance confirms: a motion without one
             # is not believed before shorter steps show it, too, and is recorded then.
-            return dataclasses.replace(self.cycles, transient=before, recorded=0)
+            return dataclasses.replace(cycles, recorded=0)
         # Begins at the motion of longer steps, which has only to become that of these.
-        return dataclasses.replace(
-            self.cycles, transient=max(min(before - spent, LATER), 0)
-        )
+        return dataclasses.replace(cycles, transient=max(min(before - spent, LATER), 0))
 
 
 def _record(batch: Batch, over: Iterable[tuple[SpeedMarch, int]]) -> None:
@@ -383,82 +376,94 @@ def _record(batch: Batch, over: Iterable[tuple[SpeedMarch, int]]) -> None:
         batch.run(marches, True, period)
 
 
-class _Classification:
-    """Classification of the motion of one march that may have ended;
-    ``needs_refinement`` where shorter steps have to decide.
+@dataclass(frozen=True)
+class _Verdict:
+    """Verdict on a march that may have ended: its steady state, or that shorter steps
+    have to decide, or else that it goes on and no period counts before ``not_before``
+    of its cycles.
     """
 
-    def __init__(
-        self,
-        classifier: Classifier,
-        index: int,
-        batch: Batch,
-        march: SpeedMarch,
-        spent: int,
-        refinement: int,
-    ):
-        self.classifier = classifier
-        self.index = index
-        self.batch = batch
-        self.march = march
-        self.refinement = refinement
-        self.spent = spent
-        self.needs_refinement = False
-        self.notes: list[str] = []
-        missing = batch.equations.modes_and_missing[1]
-        if np.any(classifier.train.shafts.loss_factor) or np.any(
-            classifier.train.dampers.loss_factor
-        ):
-            self.notes.append(
+    state: SteadyState | None = None
+    is_for_shorter_steps: bool = False
+    not_before: int = 0
+
+
+_SHORTER_STEPS = _Verdict(is_for_shorter_steps=True)
+
+
+@dataclass(frozen=True)
+class _Classification:
+    """Classification of the motion of one march that may have ended, after ``spent``
+    cycles with longer steps.
+    """
+
+    classifier: Classifier
+    index: int
+    batch: Batch
+    march: SpeedMarch
+    spent: int
+    refinement: int
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on what time integration leaves out."""
+        train = self.classifier.train
+        missing = self.batch.equations.modes_and_missing[1]
+        notes = []
+        if np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor):
+            notes.append(
                 "time integration replaces loss factors by damping of each mode at its"
                 " natural frequency"
             )
         if missing:
             share = f"{100 * missing:.2g} %"
-            self.notes.append(
+            notes.append(
                 f"time integration leaves out modes that hold {share} of the compliance"
                 " of a mesh"
             )
+        return tuple(notes)
 
-    def state(self, period: int) -> SteadyState | None:
-        """The steady state; None where the march has to go on, or needs refinement."""
+    def verdict(self, period: int) -> _Verdict:
+        """Judge a march that has a period, or 0 where it ends without."""
         classifier = self.classifier
-        march = self.march
-        if not march.closure.finite:
+        if not self.march.closure.finite:
             reason = (
                 "time integration gives no finite motion: check the scene for huge or"
                 " tiny numbers"
             )
-            return unknown(classifier.train, classifier.speeds[self.index], reason)
+            speed = classifier.speeds[self.index]
+            return _Verdict(unknown(classifier.train, speed, reason))
         if not period:
             if self.refinement > 1 or not classifier.exact:
                 return self._irregular()
-            self.needs_refinement = True
-            return None
+            return _SHORTER_STEPS
         if not classifier.exact:
             return self._recorded(period)
-        response, period = self._solved(period)
+        response = self._solved(period)
         if response is None:
             return self._unsolved(period)
+        shorter = shortest_period(response, period)
+        if shorter < period:
+            returned = self.march.closure.errors(shorter)[0] <= RETURNED
+            return self.verdict(shorter) if returned else self._unsolved(period)
         passed_by = classifier.repelling.setdefault(self.index, [])
-        if any(motion is response for motion, _ in passed_by):
+        if any(motion.response is response for motion in passed_by):
             return self._passed_by()
         earlier = classifier.states.get(self.index)
         if earlier is not None and earlier.response is response:
-            attracted: bool | None = True
-            stability = earlier.stability
-            undecided = ""
+            decided = Tendency(cast("Stability | None", earlier.stability))
         else:
-            attracted, stability, undecided = attracts(response)
-        if attracted is False:
-            passed_by.append((response, period))
-            return self._passed_by()
-        if undecided:
-            self.notes.append(
-                f"whether the motion is stable is not decided: {undecided}"
-            )
+            decided = tendency(response)
+            if decided.attracts is False:
+                passed_by.append(SolvedMotion(response, period))
+                return self._passed_by()
+        undecided = f"whether the motion is stable is not decided: {decided.refusal}"
         return self._periodic(
-            period, response.contacts().values(), response=response, stability=stability
+            period,
+            response.contacts().values(),
+            response=response,
+            stability=decided.stability,
+            notes=(undecided,) if decided.refusal else (),
         )
 
     def _steady_state(
@@ -470,9 +475,12 @@ class _Classification:
         record: Record | None = None,
         motion: np.ndarray | None = None,
         stability: Stability | None = None,
-    ) -> SteadyState:
-        """The steady state of the march; ``motion`` by default that where it stands."""
-        return state_of(
+        notes: Iterable[str] = (),
+    ) -> _Verdict:
+        """The verdict with the steady state of the march; ``motion`` by default that
+        where it stands.
+        """
+        state = state_of(
             self.classifier.train,
             self.classifier.speeds[self.index],
             kind,
@@ -480,56 +488,49 @@ class _Classification:
             response=response,
             record=record,
             cycles=self.spent + self.march.cycles,
-            notes=self.notes,
+            notes=(*self.notes, *notes),
             motion=self.batch.motion(self.march) if motion is None else motion,
             stability=stability,
         )
+        return _Verdict(state)
 
-    def _solved(self, period: int) -> tuple[Response | None, int]:
-        """Response (None where harmonic balance did not find the motion) and period of
-        a march that returns.
+    def _solved(self, period: int) -> Response | None:
+        """The Response of a march that returns; None where harmonic balance did not
+        find its motion.
         """
         classifier = self.classifier
         batch = self.batch
         march = self.march
-        while True:
-            trace = batch.traced(march, period)
-            meshes = batch.equations.meshes
-            earlier = classifier.states.get(self.index)
-            if (
-                earlier is not None
-                and earlier.response is not None
-                and earlier.period == period
-                and same_motion(
-                    earlier.response, trace, meshes, classifier.train, period, ARRIVED
-                )
-            ):
-                return earlier.response, period
-            passed = self._passed_again(trace, period)
-            if passed is not None:
-                return passed, period
-            swept = classifier.swept(period)
-            if swept is not None:
-                response = settle_marched(
-                    swept, march, trace, period, steps=batch.steps, meshes=meshes
-                )
-            else:
-                response = solve_marched(
-                    classifier.train,
-                    march,
-                    trace,
-                    period,
-                    classifier.request,
-                    steps=batch.steps,
-                    meshes=meshes,
-                    levels=LEVELS if self.refinement == FINEST else 1,
-                )
-            shorter = period if response is None else shortest_period(response, period)
-            if shorter == period:
-                return response, period
-            if march.closure.errors(shorter)[0] > RETURNED:
-                return None, period
-            period = shorter
+        trace = batch.traced(march, period)
+        meshes = batch.equations.meshes
+        earlier = classifier.states.get(self.index)
+        if (
+            earlier is not None
+            and earlier.response is not None
+            and earlier.period == period
+            and same_motion(
+                earlier.response, trace, meshes, classifier.train, period, ARRIVED
+            )
+        ):
+            return earlier.response
+        passed = self._passed_again(trace, period)
+        if passed is not None:
+            return passed
+        swept = classifier.swept(period)
+        if swept is not None:
+            return settle_marched(
+                swept, march, trace, period, steps=batch.steps, meshes=meshes
+            )
+        return solve_marched(
+            classifier.train,
+            march,
+            trace,
+            period,
+            classifier.request,
+            steps=batch.steps,
+            meshes=meshes,
+            levels=LEVELS if self.refinement == FINEST else 1,
+        )
 
     def _passed_again(self, trace: np.ndarray, period: int) -> Response | None:
         """The Response of a motion that repels and that the march passes by once more,
@@ -541,51 +542,45 @@ class _Classification:
         if march.closure.errors(period)[0] <= NEAR:
             return None
         meshes = self.batch.equations.meshes
-        for response, other_period in classifier.repelling.get(self.index, ()):
-            if other_period == period and same_motion(
-                response, trace, meshes, classifier.train, period
+        for motion in classifier.repelling.get(self.index, ()):
+            if motion.period == period and same_motion(
+                motion.response, trace, meshes, classifier.train, period
             ):
-                return response
+                return motion.response
         return None
 
-    def _unsolved(self, period: int) -> SteadyState | None:
-        """The steady state where harmonic balance did not find the motion; None where
-        the march has to go on, or needs refinement.
-        """
+    def _unsolved(self, period: int) -> _Verdict:
+        """Judge a march whose motion harmonic balance did not find."""
         if self.refinement < FINEST:
-            self.needs_refinement = True
-            return None
+            return _SHORTER_STEPS
         if self.march.recorded < self.classifier.recorded:
-            self.march.not_before = self.march.cycles + MORE_CYCLES
-            return None
+            return _Verdict(not_before=self.march.cycles + MORE_CYCLES)
         # It was only worth the question.
         if not self.march.closure.period_at_end():
             return self._irregular()
-        self.notes.append(
+        note = (
             "harmonic balance did not find the motion that time integration shows: the"
             " numbers are those of recorded cycles (another tolerance or number of"
             " harmonics may find it)"
         )
-        return self._recorded(period)
+        return self._recorded(period, notes=(note,))
 
-    def _passed_by(self) -> SteadyState | None:
-        """The steady state where a march came near a motion that repels, which with
-        these steps may attract; None where the march has to go on, or needs refinement.
+    def _passed_by(self) -> _Verdict:
+        """Judge a march that came near a motion that repels, which with these steps may
+        attract.
         """
         if self.refinement < FINEST:
-            self.needs_refinement = True
-            return None
+            return _SHORTER_STEPS
         if (
             self.march.recorded < self.classifier.recorded
             or self.march.cycles < self.classifier.cycles.most
         ):
             # It takes cycles to leave it, and solving again shows nothing more.
-            self.march.not_before = self.classifier.cycles.most
-            return None
+            return _Verdict(not_before=self.classifier.cycles.most)
         return self._irregular()
 
-    def _irregular(self) -> SteadyState:
-        """Motion without a period, read from its record."""
+    def _irregular(self) -> _Verdict:
+        """The verdict of motion without a period, read from its record."""
         equations = self.batch.equations
         march = self.march
         reason = (
@@ -594,7 +589,8 @@ class _Classification:
         )
         undisturbed = self.classifier.from_contact(self.index, reason, neutral=True)
         if undisturbed is not None:
-            return undisturbed
+            return _Verdict(undisturbed)
+        notes = []
         before = self.spent + march.cycles - march.recorded
         decay = equations.decay_cycles(march.rpm)
         if before < DECAYS * decay:
@@ -609,7 +605,7 @@ class _Classification:
                 f"cycles=jaxhb.Cycles(transient={max(2 * before, 1000):d}) marches"
                 " longer"
             )
-            self.notes.append(
+            notes.append(
                 f"a vibration that teeth notice {slow}, and the record began after"
                 f" {before}: the loads may still change ({longer})"
             )
@@ -621,12 +617,14 @@ class _Classification:
             for count in part_sizes(more_cycles):
                 self.batch.run([march], True, count)
             record = record_of(equations, march)
-        return self._steady_state("irregular", 0, record=record, motion=motion)
+        return self._steady_state(
+            "irregular", 0, record=record, motion=motion, notes=notes
+        )
 
-    def _recorded(self, period: int) -> SteadyState:
-        """Motion with a period, read from its record."""
+    def _recorded(self, period: int, notes: Iterable[str] = ()) -> _Verdict:
+        """The verdict of motion with a period, read from its record."""
         record = record_of(self.batch.equations, self.march)
-        return self._periodic(period, record.contacts, record=record)
+        return self._periodic(period, record.contacts, record=record, notes=notes)
 
     def _periodic(
         self,
@@ -636,15 +634,23 @@ class _Classification:
         response: Response | None = None,
         record: Record | None = None,
         stability: Stability | None = None,
-    ) -> SteadyState:
-        """Motion with a period, of a response or a record with these contacts."""
+        notes: Iterable[str] = (),
+    ) -> _Verdict:
+        """The verdict of motion with a period, of a response or a record with these
+        contacts.
+        """
         kind = (
             "subharmonic"
             if period > 1
             else kind_of_one_cycle(self.batch.equations.train.topology, contacts)
         )
         return self._steady_state(
-            kind, period, response=response, record=record, stability=stability
+            kind,
+            period,
+            response=response,
+            record=record,
+            stability=stability,
+            notes=notes,
         )
 
 

@@ -3,14 +3,11 @@ one long cycle.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from concurrent.futures import Future
 
 import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request
 from jaxhb.balance.program import active_deflections, first_start, solve_once
-from jaxhb.balance.swept import difference as deflection_difference
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
@@ -111,15 +108,14 @@ def solve_marched(
     coefficients = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
     coefficients[train.topology.law_index] = fourier.analyze(deflection, reach)
     initial_guess = active_deflections(plan, coefficients)
-    case = starts.Case(train, march.rpm, request, plan)
+    attempts = starts.Attempts(starts.SolveCase(train, march.rpm, request, plan))
     for _ in range(levels):
-        starts.refine(case, plan, initial_guess, event)
-        higher = case.next_level(plan.harmonics)
-        response = case.response
-        assert response is not None, "an attempt has a response"
+        attempts.refine(starts.Attempt(plan, initial_guess, event))
+        higher = attempts.case.next_level(plan.harmonics)
+        response = attempts.response
         if response.solved:
             if may_repeat(response, period):
-                response = _exact(case)
+                response = _exact(attempts)
             same = same_motion(response, trace, meshes, train, period)
             return response if same else None
         if request.harmonics or not higher:
@@ -129,14 +125,14 @@ def solve_marched(
     return None
 
 
-def _exact(case: starts.Case) -> Response:
-    """The response of a case solved on until its residual is exact: the rest that the
-    last step of Newton's method leaves looks like a weak subharmonic, which a march
-    that still decays seems to have.
+def _exact(attempts: starts.Attempts) -> Response:
+    """The response of the last attempt solved on until its residual is exact: the rest
+    that the last step of Newton's method leaves looks like a weak subharmonic, which a
+    march that still decays seems to have.
     """
-    solved = case.response
-    assert solved is not None and case.reached is not None, "no attempt to go on from"
-    plan = dataclasses.replace(case.reached, step_tolerance=0.0)
+    case = attempts.case
+    solved = attempts.response
+    plan = dataclasses.replace(attempts.reached.plan, step_tolerance=0.0)
     begin = first_start(plan, given=active_deflections(plan, solved.deflections))
     response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
     if not response.solved:
@@ -156,28 +152,15 @@ def _plan(
     deflections ``(G, period x steps)`` m.
     """
     law = meshes.law
+    law_index = train.topology.law_index
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
     held = np.append(
         ~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool)
     )
-    stays = (least > law.knee + MARGIN * law.backlash) & held[train.topology.law_index]
+    stays = (least > law.knee + MARGIN * law.backlash) & held[law_index]
     apart = bool((np.abs(deflection) < law.gap[:, None]).any())
-    return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
-
-
-def _plan_of(
-    train: DriveTrain,
-    rpm: float,
-    request: Request,
-    side: np.ndarray,
-    apart: bool,
-    period: int,
-) -> Plan:
-    """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and
-    those of side 0 are unknowns; ``apart``: whether any separates.
-    """
-    law_index = train.topology.law_index
+    side = np.where(stays, side, 0)
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.has_law), dtype=int)
@@ -203,24 +186,6 @@ def _plan_of(
         # Room for the longest period whatever the period: equal shapes, one program.
         excited=contact.excited // period * LONGEST_PERIOD,
     )
-
-
-def compile_ahead(
-    train: DriveTrain, separates: Mapping[float, bool], request: Request
-) -> list[Future]:
-    """Begin to make the programs that :func:`solve_marched` will run at speeds, in
-    other threads, while the speeds are marched; return the Futures, to be cancelled
-    when the speeds are done.
-
-    separates : ``{rpm: whether the linear motion separates teeth}``
-    """
-    unknown = np.zeros(len(train.topology.law_index), dtype=int)
-    plans = {
-        _plan_of(train, rpm, request, unknown, apart, period=1): rpm
-        for rpm, apart in separates.items()
-    }
-    cases = (starts.Case(train, rpm, request, plan) for plan, rpm in plans.items())
-    return [future for future in map(starts.compile_ahead, cases) if future is not None]
 
 
 def same_motion(
@@ -287,10 +252,3 @@ def repetition(response: Response, period: int, divisor: int) -> float:
     deflections = np.abs(np.asarray(response.deflections))
     unrepeated = np.arange(deflections.shape[-1]) % (period // divisor) != 0
     return deflections[:, unrepeated].sum() / max(deflections[:, 1:].sum(), 1e-300)
-
-
-def difference(response: Response, other: Response, period: int) -> float:
-    """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses
-    over ``period`` cycles.
-    """
-    return deflection_difference(response.deflections, other.deflections, period)

@@ -4,7 +4,6 @@ side by side, and records.
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -17,7 +16,7 @@ from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import Modes, march_modes, modes_of, partition
 from jaxhb.integration import batch, cycles
 from jaxhb.integration.batch import LinearMotion
-from jaxhb.integration.cycles import Outputs
+from jaxhb.integration.cycles import CycleNumbers, Marched, Outputs
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.record import Record, RecordedSignal, SteadyContact
 from jaxhb.steady.closure import Closure
@@ -236,26 +235,55 @@ class Equations:
         )
 
 
-@dataclass
 class SpeedMarch:
-    """One speed on its way."""
+    """One speed on its way, which only :meth:`go_on` and a start move.
 
-    place: int  # in its batch
-    rpm: float
-    state: np.ndarray  # (2m,)
-    closure: Closure
-    cycles: int = 0  # done
-    # Cycles from which a period counts again, after a motion that was not solved, or
-    # that repels
-    not_before: int = 0
-    done: bool = False
-    trace: np.ndarray | None = None  # of the last cycle
-    numbers: list = dataclasses.field(default_factory=list)  # recorded, part by part
+    place : in its batch; state ``(2m,)``; cycles : done; not_before : cycles from which
+    a period counts again, after a motion that was not solved, or that repels.
+    """
+
+    def __init__(self, place: int, rpm: float, state: np.ndarray, closure: Closure):
+        self.place = place
+        self.rpm = rpm
+        self.state = state
+        self.closure = closure
+        self.cycles = 0
+        self.not_before = 0
+        self._trace: np.ndarray | None = None
+        self._records: list[CycleNumbers] = []
+        self._powers: list[np.ndarray] = []
+
+    def go_on(self, marched: Marched, count: int) -> None:
+        """Take over so many marched cycles."""
+        self.state = np.asarray(marched.state)
+        self._trace = np.asarray(marched.trace)
+        self.closure.add(np.asarray(marched.samples)[:count])
+        self.cycles += count
+        if marched.numbers is not None:
+            numbers = jax.tree.map(np.asarray, marched.numbers)
+            self._records.append(_of(numbers, slice(count)))
+            self._powers.append(np.asarray(marched.power))
+
+    @property
+    def trace(self) -> np.ndarray:
+        """Samples (l, l') ``(2G, steps)`` of the last cycle."""
+        assert self._trace is not None, "no cycle has been marched"
+        return self._trace[:-1].T
 
     @property
     def recorded(self) -> int:
         """Cycles of the record."""
-        return sum(len(part["max"]) for part in self.numbers)
+        return sum(len(part.quantities.mean) for part in self._records)
+
+    @property
+    def numbers(self) -> CycleNumbers:
+        """Numbers of all recorded cycles."""
+        return jax.tree.map(lambda *parts: np.concatenate(parts), *self._records)
+
+    @property
+    def power(self) -> np.ndarray:
+        """Sum ``(Q, H+1)`` of |x^n|^2 over the recorded cycles."""
+        return sum(self._powers[1:], start=self._powers[0])
 
 
 class Batch:
@@ -281,7 +309,7 @@ class Batch:
             self.linear_motion,
             steps,
         )
-        # As in the periodicity error of a Trace: with epsilon 1 there is no gap.
+        # As in the periodicity error of a CycleTrace: with epsilon 1 there is no gap.
         floor = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         states = batch.state_of(
             equations.modes,
@@ -370,28 +398,19 @@ class Batch:
             together = program(steppers, states, cycle_count, outputs)
             together = jax.tree.map(np.asarray, together)
             runs = [_of(together, i) for i in range(len(marches))]
-        for march, run in zip(marches, runs, strict=True):
-            march.state, samples, march.trace, numbers, power = jax.tree.map(
-                np.asarray, run
-            )
-            march.closure.add(samples[:count])
-            march.cycles += count
-            if record:
-                by_cycle = {name: rows[:count] for name, rows in numbers.items()}
-                march.numbers.append(by_cycle | {"power": power})
+        for march, marched in zip(marches, runs, strict=True):
+            march.go_on(marched, count)
 
     def traced(self, march: SpeedMarch, count: int) -> np.ndarray:
         """Samples (l, l') ``(2G, count x steps)`` of the next cycles, through which the
         march goes; of its last cycle if ``count`` is 1.
         """
         if count == 1:
-            assert march.trace is not None, "no cycle has been marched"
-            return march.trace[:-1].T
+            return march.trace
         parts = []
         for _ in range(count):
             self._run([march], 1, False, 1)
-            assert march.trace is not None, "a cycle has been marched"
-            parts.append(march.trace[:-1].T)
+            parts.append(march.trace)
         return np.concatenate(parts, axis=1)
 
 
@@ -401,7 +420,7 @@ def part_sizes(count: int) -> list[int]:
     return [cycles.CYCLES] * whole + [rest] * (rest > 0)
 
 
-def _of(tree: Tree, indices: int | Sequence[int]) -> Tree:
+def _of(tree: Tree, indices: int | slice | Sequence[int]) -> Tree:
     """Take one speed, or some of them, from arrays with a leading axis."""
     return jax.tree.map(lambda leaf: leaf[indices], tree)
 
@@ -514,16 +533,14 @@ def _heat(
 
 def _signals(march: SpeedMarch, revolutions: float) -> Iterator[RecordedSignal]:
     """Yield the quantities of a record in the order of the outputs."""
-    highest, lowest, mean, square = _together(march, "max", "min", "mean", "square")
-    mean = mean.mean(axis=0)
-    rms = np.sqrt(square.mean(axis=0))
-    amplitudes = 2 * np.sqrt(
-        sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded
-    )
+    numbers = march.numbers.quantities
+    mean = numbers.mean.mean(axis=0)
+    rms = np.sqrt(numbers.square.mean(axis=0))
+    amplitudes = 2 * np.sqrt(march.power[:, 1:] / march.recorded)
     for i in range(len(mean)):
         yield RecordedSignal(
-            highest=highest[:, i],
-            lowest=lowest[:, i],
+            highest=np.asarray(numbers.highest[:, i]),
+            lowest=np.asarray(numbers.lowest[:, i]),
             mean=float(mean[i]),
             rms=float(rms[i]),
             amplitudes=amplitudes[i],
@@ -531,30 +548,23 @@ def _signals(march: SpeedMarch, revolutions: float) -> Iterator[RecordedSignal]:
         )
 
 
-def _together(march: SpeedMarch, *names: str) -> list[np.ndarray]:
-    """Numbers ``(cycles, quantities)`` of all recorded cycles of a march, by name."""
-    return [np.concatenate([part[name] for part in march.numbers]) for name in names]
-
-
 def _contacts(
     equations: Equations, march: SpeedMarch, forces: Sequence[RecordedSignal]
 ) -> tuple[SteadyContact, ...]:
     """:class:`SteadyContact` of every mesh."""
-    above, below, impacts, hardest = _together(
-        march, "above", "below", "impacts", "hardest"
-    )
+    numbers = march.numbers.contacts
     contacts = [
         SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces
     ]
     for g, index in enumerate(equations.teeth):
-        shares = above[:, g].mean(), below[:, g].mean()
+        shares = numbers.above[:, g].mean(), numbers.below[:, g].mean()
         drive = int(np.sign(forces[index].mean))
         reverse = shares[0] if drive < 0 else shares[1]
         contacts[index] = SteadyContact(
             separated_fraction=float(1 - sum(shares)),
             reverse_contact_fraction=float(reverse),
-            impacts_per_cycle=float(impacts[:, g].mean()),
-            hardest_impact=float(hardest[:, g].max()),
+            impacts_per_cycle=float(numbers.impacts[:, g].mean()),
+            hardest_impact=float(numbers.hardest[:, g].max()),
             drive_side=drive,
         )
     return tuple(contacts)

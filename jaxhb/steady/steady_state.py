@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
@@ -14,8 +14,9 @@ from typing import Any, Literal, TypedDict, Unpack, overload
 import numpy as np
 
 from jaxhb._jax import Array, Numbers, refuse_tracers
-from jaxhb.balance.plan import Request
+from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.program import solve_batches
+from jaxhb.balance.swept import difference
 from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -30,7 +31,6 @@ from jaxhb.steady.classification import (
     unknown,
 )
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.confirmation import difference
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -193,7 +193,11 @@ def steady_state(
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     request = Request.of(train, harmonics, tolerance, few_levels=True)
     cycles = cycles or Cycles()
-    classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
+    plans = plan_speeds(train, speeds, request)
+    apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
+    classifier = Classifier(
+        train, speeds, request, exact, cycles, tuple(devices), apart=apart
+    )
     march = classifier.march_to_the_end
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
@@ -205,7 +209,7 @@ def steady_state(
         }
         checkpoint = Checkpoint(out, train, settings, chunk)
         march = partial(checkpoint.keep_or_march, classifier)
-    search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
+    search = _SpeedSweep(classifier, plans, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.single(0)
     order = np.argsort(speeds, kind="stable")
@@ -220,8 +224,12 @@ def steady_state(
     return sweeps[direction]
 
 
-Start = tuple[np.ndarray, float]
-"""Motion (x, x') ``(2S,)`` from which a speed starts, and its own speed in rpm."""
+@dataclass(frozen=True)
+class SpeedStart:
+    """Motion (x, x') ``(2S,)`` from which a speed starts, and its own speed in rpm."""
+
+    motion: np.ndarray
+    rpm: float
 
 
 class _SpeedSweep:
@@ -232,6 +240,7 @@ class _SpeedSweep:
     def __init__(
         self,
         classifier: Classifier,
+        plans: Sequence[Plan],
         march: Callable[..., dict[int, SteadyState]],
         start: SteadyState | Response | None,
         progress: Callable[[int], object] | None,
@@ -243,18 +252,15 @@ class _SpeedSweep:
         self.chunk = chunk
         self.train = classifier.train
         self.speeds = classifier.speeds
-        request = classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states = on_states or (lambda states, way: None)
         self._reported: dict[tuple[str, int], SteadyState] = {}
         self.way = "up"
         self.start = (
-            None if start is None else (motion_of(self.train, start), float(start.rpm))
+            None
+            if start is None
+            else SpeedStart(motion_of(self.train, start), float(start.rpm))
         )
-        plans = plan_speeds(self.train, self.speeds, request)
-        classifier.apart = {
-            index for index, plan in enumerate(plans) if plan.active and plan.marches
-        }
         # Responses of the speeds at which the linear motion holds the teeth in contact,
         # by index
         self.contact: dict[int, Response] = {}
@@ -280,22 +286,22 @@ class _SpeedSweep:
     def chunk_by_chunk(
         self,
         indices: Sequence[int] | np.ndarray,
-        starts: Mapping[int, Start],
+        starts: Mapping[int, SpeedStart],
         progress: Callable[[int], object],
     ) -> dict[int, SteadyState]:
-        """Steady states of some speeds by index, marched in chunks, from ``{index:
-        (motion, its speed in rpm)}`` or from teeth in contact.
+        """Steady states of some speeds by index, marched in chunks, from ``starts`` by
+        index or from teeth in contact.
         """
         size = self.chunk or max(len(indices), 1)
         states: dict[int, SteadyState] = {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
             started = {index: starts[index] for index in chunk if index in starts}
-            motions = {index: motion for index, (motion, _) in started.items()}
+            motions = {index: begin.motion for index, begin in started.items()}
             chunk_states = self._march(chunk, motions, progress)
             chunk_states |= {
-                index: replace(chunk_states[index], started_from=rpm)
-                for index, (_, rpm) in started.items()
+                index: replace(chunk_states[index], started_from=begin.rpm)
+                for index, begin in started.items()
             }
             self.report(chunk_states)
             states |= chunk_states
@@ -350,7 +356,7 @@ class _SpeedSweep:
                     continue
                 reached_from[index] = before
                 if before.motion is not None and _differs(before, from_contact[index]):
-                    starts[index] = before.motion, before.rpm
+                    starts[index] = SpeedStart(before.motion, before.rpm)
                 else:
                     states[index] = from_contact[index]
             if not starts:
@@ -434,7 +440,11 @@ def _distance(state: SteadyState, other: SteadyState) -> float:
     if not state.known:
         return 0.0
     if state.response is not None and other.response is not None:
-        return difference(state.response, other.response, max(state.period, 1))
+        return difference(
+            state.response.deflections,
+            other.response.deflections,
+            max(state.period, 1),
+        )
     names = state.topology.mesh_names
     peaks = np.array([float(state.deflection(name).peak) for name in names])
     other_peaks = np.array([float(other.deflection(name).peak) for name in names])

@@ -33,14 +33,14 @@ def test_a_motion_in_contact_is_that_of_the_program(name):
         train, np.array([RPM]), Request.of(train, few_levels=True)
     )
     assert not plan.active
-    problem = problem_at(train, RPM, plan.static.excited)
+    problem = problem_at(train, RPM, plan.shape.excited)
     of_host = program._of_the_host(problem, plan)
     outcome = program.solve_problem(
         problem,
         plan.active_meshes,
         program.first_start(plan),
         plan.goals,
-        plan.static,
+        plan.shape,
     )
     of_program = jax.tree.map(np.asarray, outcome)
     assert int(of_host.status) == int(of_program.status) == 0

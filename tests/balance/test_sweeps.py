@@ -310,10 +310,9 @@ def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
 
 def solved(case, tolerance):
     """The Outcome of a case by sweeps."""
-    outcome, *_ = solve_by_sweeps(
+    return solve_by_sweeps(
         case.problem, case.meshes, case.modes, tolerance, case.plan
-    )
-    return outcome
+    ).outcome
 
 
 @pytest.mark.slow

@@ -83,24 +83,23 @@ class Unsolved:
     """A response, as far as start strategies look at it."""
 
     path: tuple = ()
+    status: int = jaxhb.Status.STALLED
 
 
 def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
-    def refine(case, attempt):
+    def refine(self, attempt):
         tried.append(attempt)
-        case.response = Unsolved()
+        self.reached = starts.Reached(None, Unsolved())
 
     tried = []
-    monkeypatch.setattr(starts, "refine", refine)
-    strategies = (
-        lambda case: iter(()),
-        lambda case: iter("ab"),
-        lambda case: iter("c"),
-    )
+    monkeypatch.setattr(starts.Attempts, "refine", refine)
+    strategies = [
+        starts.Strategy(name, cost, lambda attempts, name=name: iter(name))
+        for cost, name in enumerate(("", "ab", "c"))
+    ]
     train = jaxhb.load_scene("spur_pair")
-    for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
+    for until, expected in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
         tried.clear()
-        starts.first_solved(
-            starts.Case(train, 5000.0, None, None, deadline=until), strategies
-        )
-        assert tried == attempts
+        case = starts.SolveCase(train, 5000.0, None, None, deadline=until)
+        starts.Attempts(case).make(strategies)
+        assert tried == expected

@@ -243,15 +243,15 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
     monkeypatch.setattr(stability, "DENSE_DISKS", 2)
-    attracting, result, why = stability.attracts(rattling())
-    assert attracting is None
-    assert result is None
-    assert "stability would take" in why
-    assert "intervals a cycle" in why
+    decided = stability.tendency(rattling())
+    assert decided.attracts is None
+    assert decided.stability is None
+    assert "stability would take" in decided.refusal
+    assert "intervals a cycle" in decided.refusal
     monkeypatch.setattr(stability, "DISKS", 2)
     assert (
         "has 3 disks, and stability is decided for up to 2"
-        in stability.attracts(rattling())[2]
+        in stability.tendency(rattling()).refusal
     )
     assert "stability not decided" in str(PeriodicMotion(rattling(), 1, None, None))
 
@@ -262,7 +262,7 @@ def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
 
     monkeypatch.setattr(stability, "stability", fail)
     with pytest.raises(np.linalg.LinAlgError):
-        stability.attracts(rattling())
+        stability.tendency(rattling())
 
 
 LOST = [
@@ -301,7 +301,7 @@ def test_what_has_no_multipliers_is_refused_with_a_sentence():
     with pytest.raises(NotConverged, match="3000 rpm is no periodic motion"):
         jaxhb.stability(dataclasses.replace(response, status=np.array(4)))
     massless = jaxhb.solve(train.replace({"gear a.inertia": 0.0}), rpm=500.0)
-    assert stability.attracts(massless)[:2] == (None, None)
+    assert stability.tendency(massless).attracts is None
     refused(
         lambda: jaxhb.stability(massless),
         "carries a backlash mesh: no equation of motion in time",

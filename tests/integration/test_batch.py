@@ -4,6 +4,7 @@ the cycles that they reduce.
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 import trains
@@ -100,7 +101,7 @@ def test_a_batch_marches_as_the_dense_integration_does(name, count):
     else:
         batch._run(batch.marches, 1, False, 8)
     for place, exact in zip((0, count - 1), expected, strict=True):
-        deflections = np.split(batch.marches[place].trace[:-1].T, 2)[0]
+        deflections = np.split(batch.marches[place].trace, 2)[0]
         gap = equations.meshes.law.backlash.max()
         cycles = np.array(batch.marches[place].closure.cycles)
         seen = np.split(cycles, 2, axis=2)[0]
@@ -135,16 +136,10 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
         assert np.array_equal(parted.trace, whole.trace)
         assert np.array_equal(parted.closure.cycles, whole.closure.cycles)
 
-    def recorded_numbers(march, name):
-        return np.concatenate([part[name] for part in march.numbers])
-
-    for name in ("max", "min", "mean", "square", "impacts"):
-        assert np.array_equal(
-            recorded_numbers(parted, name), recorded_numbers(whole, name)
-        )
     assert parted.recorded == whole.recorded == 8
-    power = sum(part["power"] for part in parted.numbers)
-    np.testing.assert_allclose(power, whole.numbers[0]["power"], rtol=1e-12)
+    equal = jax.tree.map(np.array_equal, parted.numbers, whole.numbers)
+    assert all(jax.tree.leaves(equal))
+    np.testing.assert_allclose(parted.power, whole.power, rtol=1e-12)
 
 
 def test_modes_hold_the_motion_of_every_disk():
