@@ -3,7 +3,7 @@ beside it the motion without backlash.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
@@ -11,10 +11,9 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, Number
 from jaxhb.equations.backlash import Law
 from jaxhb.floquet.stability import Stability
-from jaxhb.report.selection import largest
 from jaxhb.results.bounds import Certificate
 from jaxhb.results.contact import Contact
 from jaxhb.results.motion import Motion
@@ -30,6 +29,13 @@ UNCONFIRMED = "not confirmed by harmonic balance"
 """Words for a motion that returns in time integration and that no harmonic solution
 repeats.
 """
+
+
+def largest(names: Iterable[str], value: Callable[[str], Number]) -> str | None:
+    """Find the name with the largest value; None where none is a number."""
+    numbers = {name: float(value(name)) for name in names}
+    known_names = [name for name in names if not math.isnan(numbers[name])]
+    return max(known_names, key=lambda name: numbers[name], default=None)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.report.selection import largest, turning_disks
+from jaxhb.report.answer import largest
+from jaxhb.report.selection import turning_disks
 from jaxhb.report.text.columns import plain_number
 from jaxhb.results.motion import drive_sense as sense_of_motion
 from jaxhb.results.quantities import (

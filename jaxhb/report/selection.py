@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-from jaxhb._jax import Number
+from jaxhb.report.answer import Answer, largest
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.omission import is_cut_off
 from jaxhb.train.topology import Topology
-
-if TYPE_CHECKING:
-    from jaxhb.report.answer import Answer
 
 NOT_FIRING = " not firing"
 CUT_OFF = " cut off"
@@ -78,13 +73,6 @@ def meshes_of(topology: Topology, gear: str) -> tuple[str, ...]:
         for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True)
         if disk in ends
     )
-
-
-def largest(names: Iterable[str], value: Callable[[str], Number]) -> str | None:
-    """Find the name with the largest value; None where none is a number."""
-    numbers = {name: float(value(name)) for name in names}
-    known_names = [name for name in names if not math.isnan(numbers[name])]
-    return max(known_names, key=lambda name: numbers[name], default=None)
 
 
 def most_apart(answer: Answer) -> str | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb import __version__
+from jaxhb.results.motion import Motion
 from jaxhb.results.quantities import (
     OF_MOTIONS,
     VARIABLES,
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from jaxhb._jax import Array, Numbers
-    from jaxhb.results.response import Response
-    from jaxhb.results.steady import SteadyState
     from jaxhb.train.topology import Topology
 
 else:
@@ -61,7 +60,7 @@ class Spectrum:
 
 
 def to_xarray(
-    motions: Sequence[Response | SteadyState],
+    motions: Sequence[Motion],
     topology: Topology,
     rpm: Numbers,
     *,

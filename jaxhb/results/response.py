@@ -11,14 +11,14 @@ import jax
 import numpy as np
 
 from jaxhb._equal import by_value
-from jaxhb._jax import Array, namespace, refuse_tracers
-from jaxhb._shown import brief
+from jaxhb._jax import Array, namespace, refuse_tracers, traced
+from jaxhb._shown import brief, counts, html_table, number, span
 from jaxhb.equations import backlash, fourier
 from jaxhb.results.answers import solved
 from jaxhb.results.bounds import Certificate
 from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
-from jaxhb.results.display import response_html, response_line
+from jaxhb.results.display import table_of_links, table_of_speeds
 from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import AnyResponse, Status
@@ -151,8 +151,47 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """Power taken by the loads in kW."""
         return self.load_power / 1e3
 
-    __repr__ = response_line
-    _repr_html_ = response_html
+    @property
+    def outcome(self) -> str:
+        """Status, number of harmonics and truncation error of one motion, in words."""
+        error = 100 * float(self.truncation_error)
+        return (
+            f"{self.status_name}, {self.harmonics} harmonics, truncation error"
+            f" {error:.2g} %"
+        )
+
+    def __repr__(self) -> str:
+        beginning = f"<{type(self).__name__} of {self.topology.title}"
+        if traced(self):
+            return f"{beginning}, traced, {self.harmonics} harmonics>"
+        if not np.ndim(self.rpm):
+            return f"{beginning} at {number(float(self.rpm))} rpm: {self.outcome}>"
+        many = np.ndim(self.rpm) == 1
+        speeds = (
+            span(np.asarray(self.rpm), "rpm")
+            if many
+            else f"{' x '.join(map(str, np.shape(self.rpm)))} motions"
+        )
+        return (
+            f"{beginning} at {speeds}: {counts(self.status_name)}, {self.harmonics}"
+            " harmonics>"
+        )
+
+    def _repr_html_(self) -> str:
+        caption = repr(self)[1:-1]
+        if traced(self) or np.ndim(self.rpm) > 1:
+            return html_table(caption, [], [])
+        if not np.ndim(self.rpm):
+            return (
+                table_of_links(caption, self)
+                if self.solved
+                else html_table(caption, [], [])
+            )
+
+        def cells(motion: "Response") -> tuple[list[Any], Any]:
+            return [motion.status_name, int(motion.highest_harmonic)], motion.solved
+
+        return table_of_speeds(caption, self, ["status", "harmonics"], cells)
 
     def __bool__(self) -> bool:
         if np.ndim(self.rpm):

@@ -13,8 +13,8 @@ import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb._jax import Array, namespace, refuse_tracers, traced
+from jaxhb._shown import number
 from jaxhb.equations import fourier
-from jaxhb.results.display import signal_line
 
 MISSED = 0.01  # share of the peak by which samples may miss it without a warning
 
@@ -107,7 +107,25 @@ class Signal(Summarized):
     resolution: int = field(metadata={"static": True})
     sharp: bool = field(default=False, metadata={"static": True})
 
-    __repr__ = signal_line
+    def __repr__(self) -> str:
+        kind = type(self).__name__
+        orders = self.coefficients.shape[-1] - 1
+        if traced(self):
+            return f"<{kind}, traced, {orders} harmonics>"
+        if np.ndim(self.coefficients) > 1:
+            batch = " x ".join(map(str, self.coefficients.shape[:-1]))
+            low = float(np.min(self.min))
+            high = float(np.max(self.max))
+            return (
+                f"<{kind} of {batch} motions, {orders} harmonics: {number(low)} to"
+                f" {number(high)}>"
+            )
+        mean, smallest, largest = (
+            number(float(value)) for value in (self.mean, self.min, self.max)
+        )
+        return (
+            f"<{kind}, {orders} harmonics: mean {mean}, min {smallest}, max {largest}>"
+        )
 
     @property
     def elastic(self) -> Self:

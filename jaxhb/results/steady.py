@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from jaxhb._equal import by_value
+from jaxhb._shown import counts, html_table, number, span
 from jaxhb.results.contact import Contact
 from jaxhb.results.dataset import Dataset, to_xarray
-from jaxhb.results.display import state_html, state_line, states_html, states_line
+from jaxhb.results.display import table_of_links, table_of_speeds
 from jaxhb.results.motion import Motion
 from jaxhb.results.record import Record, RecordedSignal, SteadyContact, SteadySignal
 from jaxhb.results.response import Response
@@ -67,8 +68,27 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     stability: Any = None
     started_from: float | None = None
 
-    __repr__ = state_line
-    _repr_html_ = state_html
+    def __repr__(self) -> str:
+        kind = (
+            f"subharmonic, period {self.period} cycles"
+            if self.kind == "subharmonic"
+            else self.kind
+        )
+        outcome = (
+            self.response.outcome
+            if self.response is not None
+            else f"{self.cycles} cycles marched"
+        )
+        return (
+            f"<SteadyState of {self.topology.title} at {number(self.rpm)} rpm: {kind};"
+            f" {outcome}>"
+        )
+
+    def _repr_html_(self) -> str:
+        caption = "; ".join([repr(self)[1:-1], *self.notes])
+        return (
+            table_of_links(caption, self) if self.known else html_table(caption, [], [])
+        )
 
     @property
     def known(self) -> bool:
@@ -181,8 +201,20 @@ class SteadySweep:
     states: tuple[SteadyState, ...]
     direction: str
 
-    __repr__ = states_line
-    _repr_html_ = states_html
+    def __repr__(self) -> str:
+        return (
+            f"<SteadySweep {self.direction}, {span(self.rpm, 'rpm')}:"
+            f" {counts(self.kind)}>"
+        )
+
+    def _repr_html_(self) -> str:
+        caption = repr(self)[1:-1]
+        head = ["motion", "period"]
+
+        def cells(state: SteadyState) -> tuple[list[Any], bool]:
+            return [state.kind, state.period or "-"], state.known
+
+        return table_of_speeds(caption, self, head, cells)
 
     def __len__(self) -> int:
         return len(self.states)

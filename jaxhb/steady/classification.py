@@ -26,7 +26,7 @@ from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions import planning, sweeping
 from jaxhb.solutions.solve import solve
-from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, Cycles, ended
+from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, Cycles
 from jaxhb.steady.confirmation import (
     LEVELS,
     same_motion,
@@ -34,7 +34,14 @@ from jaxhb.steady.confirmation import (
     shortest_period,
     solve_marched,
 )
-from jaxhb.steady.marching import Batch, Equations, SpeedMarch, part_sizes, record_of
+from jaxhb.steady.marching import (
+    Batch,
+    Equations,
+    SpeedMarch,
+    ended,
+    part_sizes,
+    record_of,
+)
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 

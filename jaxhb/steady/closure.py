@@ -6,13 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from jaxhb.steady.marching import Batch, SpeedMarch
-
 
 # Closure errors are shares of the largest deflection and the gap. Soft springs to
 # ground and heavy disks on soft shafts settle over hundreds of cycles, of which the
@@ -206,48 +201,3 @@ def falling(errors: Sequence[float], close: float, share: float) -> bool:
 def decaying(errors: Sequence[float]) -> bool:
     """Whether closure errors may be those of an approach: they fall, if slowly."""
     return falling(errors, SMALL, DECAYING)
-
-
-def ended(
-    batch: Batch, running: Sequence[SpeedMarch], cycles: Cycles, exact: bool = False
-) -> list[tuple[SpeedMarch, int]]:
-    """Let marches go on until one or more of them end; return these as ``(march,
-    period)``, with period 0 where a march ends without a period.
-
-    ``cycles``: Cycles with a number of them before the record; ``exact``: whether
-    harmonic balance is asked to confirm periods.
-    """
-    assert cycles.transient is not None and cycles.recorded is not None
-    while running:
-        first = [march for march in running if march.cycles < cycles.transient]
-        later = [march for march in running if march.cycles >= cycles.transient]
-        recording = [march for march in later if march.recorded < cycles.recorded]
-        further = [march for march in later if march.recorded >= cycles.recorded]
-        for group, record in ((first + further, False), (recording, True)):
-            batch.run(group, record)
-        periods = [(march, _period(march, cycles, exact)) for march in running]
-        if any(period is not None for _, period in periods):
-            return [(march, period) for march, period in periods if period is not None]
-    return []
-
-
-def _period(march: SpeedMarch, cycles: Cycles, exact: bool) -> int | None:
-    """The period of a march, 0 where it ends without, None where it goes on."""
-    assert cycles.transient is not None and cycles.recorded is not None
-    if not march.closure.finite:
-        return 0
-    if march.cycles < march.not_before:
-        return None
-    # Where harmonic balance confirms or refuses a motion, being near one is worth the
-    # question as soon as the cycles are done, whether or not the march goes on.
-    close = CLOSE if exact else NEAR
-    complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
-    period = (
-        march.closure.period_at_end(close)
-        if complete and exact
-        else march.closure.period()
-    )
-    if period:
-        return period
-    over = complete and (march.cycles >= cycles.most or not march.closure.undecided())
-    return march.closure.period_at_end(close) if over else None

@@ -19,7 +19,7 @@ from jaxhb.integration.batch import LinearMotion
 from jaxhb.integration.cycles import CycleNumbers, Marched, Outputs
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.record import Record, RecordedSignal, SteadyContact
-from jaxhb.steady.closure import Closure
+from jaxhb.steady.closure import CLOSE, NEAR, Closure, Cycles
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
@@ -568,3 +568,48 @@ def _contacts(
             drive_side=drive,
         )
     return tuple(contacts)
+
+
+def ended(
+    batch: Batch, running: Sequence[SpeedMarch], cycles: Cycles, exact: bool = False
+) -> list[tuple[SpeedMarch, int]]:
+    """Let marches go on until one or more of them end; return these as ``(march,
+    period)``, with period 0 where a march ends without a period.
+
+    ``cycles``: Cycles with a number of them before the record; ``exact``: whether
+    harmonic balance is asked to confirm periods.
+    """
+    assert cycles.transient is not None and cycles.recorded is not None
+    while running:
+        first = [march for march in running if march.cycles < cycles.transient]
+        later = [march for march in running if march.cycles >= cycles.transient]
+        recording = [march for march in later if march.recorded < cycles.recorded]
+        further = [march for march in later if march.recorded >= cycles.recorded]
+        for group, record in ((first + further, False), (recording, True)):
+            batch.run(group, record)
+        periods = [(march, _period(march, cycles, exact)) for march in running]
+        if any(period is not None for _, period in periods):
+            return [(march, period) for march, period in periods if period is not None]
+    return []
+
+
+def _period(march: SpeedMarch, cycles: Cycles, exact: bool) -> int | None:
+    """The period of a march, 0 where it ends without, None where it goes on."""
+    assert cycles.transient is not None and cycles.recorded is not None
+    if not march.closure.finite:
+        return 0
+    if march.cycles < march.not_before:
+        return None
+    # Where harmonic balance confirms or refuses a motion, being near one is worth the
+    # question as soon as the cycles are done, whether or not the march goes on.
+    close = CLOSE if exact else NEAR
+    complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
+    period = (
+        march.closure.period_at_end(close)
+        if complete and exact
+        else march.closure.period()
+    )
+    if period:
+        return period
+    over = complete and (march.cycles >= cycles.most or not march.closure.undecided())
+    return march.closure.period_at_end(close) if over else None
