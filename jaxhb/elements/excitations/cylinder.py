@@ -61,7 +61,7 @@ MOST_PRESSURES = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class CylinderSeats(Seats, GasCycles):
+class CylinderSeats(GasCycles, Seats):
     """Gas cycles of the cylinders; ``harmonics`` are those of prescribed gas torques,
     ``step`` the harmonics of the cycle per harmonic of the gas
     cycle, or of all ``every`` (0 where no pressure is given), and ``turn`` per order of
