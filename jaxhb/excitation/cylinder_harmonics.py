@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -95,3 +96,16 @@ def harmonic_weights(table: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
     burnt = by_component.shape[-2] - unburnt.shape[-2]
     zeros = xp.zeros((*by_component.shape[:-2], burnt, by_component.shape[-1]))
     return xp.concatenate([by_component, zeros, unburnt], axis=-2)
+
+
+def computed_gas(
+    cylinders: Cylinders, cycles: GasCycles
+) -> tuple[tuple[int, ...], Any, Any]:
+    """Cylinders whose gas torque is computed, and their :func:`pressure_harmonics`,
+    also of the ambient pressure.
+    """
+    rows = tuple(i for i, computed in enumerate(cycles.computed) if computed)
+    if not rows:
+        return rows, None, None
+    harmonics, ambient = pressure_harmonics(cylinders, rows, cycles)
+    return rows, harmonics, ambient

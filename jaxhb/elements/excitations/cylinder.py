@@ -37,11 +37,6 @@ from jaxhb.elements.excitations.kind import (
 from jaxhb.elements.values import is_list, rounded, sound_orders, whole
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import CRANK_SAMPLES
-from jaxhb.excitation.cylinder_harmonics import (
-    harmonic_weights,
-    pressure_harmonics,
-    unit_inertia_harmonics,
-)
 from jaxhb.excitation.gas import GAS_SAMPLES, gas_cycle, injection
 from jaxhb.excitation.mean_torques import mean_gas_torques, scale_at
 from jaxhb.excitation.orders import add_listed, coefficients, harmonics_of, highest_rows
@@ -61,7 +56,7 @@ MOST_PRESSURES = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class CylinderSeats(Seats, GasCycles):
+class CylinderSeats(GasCycles, Seats):
     """Gas cycles of the cylinders; ``harmonics`` are those of prescribed gas torques,
     ``step`` the harmonics of the cycle per harmonic of the gas
     cycle, or of all ``every`` (0 where no pressure is given), and ``turn`` per order of
@@ -93,19 +88,6 @@ class CylinderSeats(Seats, GasCycles):
         return tuple(
             tuple(sorted({*a, *b, *c} - {0})) for a, b, c in zip(*rows, strict=True)
         )
-
-
-def computed_gas(
-    cylinders: Cylinders, cycles: GasCycles
-) -> tuple[tuple[int, ...], Any, Any]:
-    """Cylinders whose gas torque is computed, and their :func:`pressure_harmonics`,
-    also of the ambient pressure.
-    """
-    rows = tuple(i for i, computed in enumerate(cycles.computed) if computed)
-    if not rows:
-        return rows, None, None
-    harmonics, ambient = pressure_harmonics(cylinders, rows, cycles)
-    return rows, harmonics, ambient
 
 
 class CylinderKind(Excitation):
@@ -269,6 +251,9 @@ class CylinderKind(Excitation):
         ratios: Array,
         turned: Callable[[np.ndarray, np.ndarray], Number],
     ) -> Array:
+        # Here: it imports jax, which a scene that is only checked does without.
+        from jaxhb.excitation import cylinder_harmonics
+
         scale = scale_at(numbers, rpm)
         factor = numbers.gas_factor
         factor = np.ones(len(seats.disk)) if factor is None else factor
@@ -287,18 +272,18 @@ class CylinderKind(Excitation):
             rows = scale[..., i] * coefficients(numbers.gas_torque, i, k)
             return factor[i] * injected[i] * rows * phase(i, n)
 
-        rows, parts, ambient = computed_gas(numbers, seats)
+        rows, parts, ambient = cylinder_harmonics.computed_gas(numbers, seats)
 
         def computed(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
             row = np.searchsorted(rows, i)
-            weights = harmonic_weights(numbers, seats, rpm)[..., i]
+            weights = cylinder_harmonics.harmonic_weights(numbers, seats, rpm)[..., i]
             of_gas = (weights * parts[:, row, k + 1]).sum(axis=-2)
             pressed = scale[..., i] * of_gas - ambient[row, k + 1]
             return factor[i] * pressed * phase(i, n)
 
         def inertia(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
             speed = ratios * (2.0 * np.pi / 60.0) * rpm[..., None]
-            unit = unit_inertia_harmonics(numbers, seats.series)
+            unit = cylinder_harmonics.unit_inertia_harmonics(numbers, seats.series)
             of_mass = (numbers.reciprocating_mass * speed**2)[..., i]
             return of_mass * unit[i, k + 1] * phase(i, n)
 
@@ -317,13 +302,15 @@ class CylinderKind(Excitation):
         return add_listed(torque, disks, lists, inertia)
 
     def highest(self, numbers: Cylinders, seats: CylinderSeats) -> list[int]:
+        from jaxhb.excitation import cylinder_harmonics
+
         harmonics = highest_rows(seats.harmonics, numbers.gas_torque)
         mass = np.asarray(numbers.reciprocating_mass)
         inertia = zip(seats.inertia, seats.turn, strict=True)
         for i, (orders, turn) in enumerate(inertia):
             if orders and mass[i] > 0.0:
                 harmonics.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
-        cylinders, of_gas, _ = computed_gas(numbers, seats)
+        cylinders, of_gas, _ = cylinder_harmonics.computed_gas(numbers, seats)
         sizes = np.abs(np.asarray(of_gas)).max(axis=0) if cylinders else ()
         for i, size in zip(cylinders, sizes, strict=True):
             size = size[1 : seats.gas[i] + 1]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxhb.elements.declared import facts_of, table_of, unit_of
+from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.report.page.parts import Block, table
 from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.train.drivetrain import DriveTrain
@@ -57,12 +58,8 @@ def differences(
     if rows:
         heads = ["number of the scene", "first design", "second", "unit"]
         return [table("What differs between the designs", rows, heads)]
-    unlike = [
-        field.name.replace("_", " ")
-        for field in dataclasses.fields(first)
-        if field.name not in BESIDE
-        and getattr(first, field.name) != getattr(second, field.name)
-    ]
+    others = _fixed(second)
+    unlike = [name for name, value in _fixed(first).items() if value != others[name]]
     if unlike:
         return [
             "Same numbers, tables and words of the elements, in another order or with"
@@ -71,6 +68,20 @@ def differences(
     return [
         "Nothing differs between the designs: no number, no table, no word, no element."
     ]
+
+
+def _fixed(topology: Topology) -> dict[str, Any]:
+    """Everything of a train that is no number, by its name in words."""
+    values = {
+        field.name.replace("_", " "): getattr(topology, field.name)
+        for field in dataclasses.fields(topology)
+        if field.name not in (*BESIDE, "excitations")
+    }
+    for table_name, seats in zip(EXCITATIONS, topology.excitations, strict=True):
+        for field in dataclasses.fields(seats):
+            words = f"{table_name} {field.name.replace('_', ' ')}"
+            values[words] = getattr(seats, field.name)
+    return values
 
 
 def _row(name: str, key: str, field: dataclasses.Field, values: Sequence[Any]) -> Row:
