@@ -151,7 +151,7 @@ def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(
     assert [
         cell.endswith("?") for cell in table.columns[table.heads.index("with kN")]
     ] == [False, True]
-    assert table.title == "?: not confirmed"
+    assert table.caption == "?: not confirmed"
 
 
 def test_notes_of_a_report_do_not_repeat_a_speed_that_two_cases_have(unsure):

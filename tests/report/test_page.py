@@ -31,7 +31,7 @@ from jaxhb.report.page import linear, page
 from jaxhb.report.page.judgement import shares_of
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
-from jaxhb.report.text.columns import Table
+from jaxhb.report.table import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status
 
@@ -149,7 +149,7 @@ def test_irregularity_of_disks_is_in_per_cent_in_all_tables(report, parts):
     at_one_speed = next(
         table
         for table in tables(parts["One speed in full"])
-        if "irregularity" in table.title
+        if "irregularity" in table.caption
     )
     assert over.heads[1] == "Kurbel"
     assert over.groups[0] == ("irregularity, %", 1, 1)
@@ -213,7 +213,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(report, parts
     heat = next(
         table
         for table in tables(parts["Second design"])
-        if table.title.startswith("Heat of dampers")
+        if table.caption.startswith("Heat of dampers")
     )
     largest = max(answer.power("Dämpfer") for answer in report.seconds[0].answers)
     assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
@@ -356,7 +356,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     assert float(cell) == pytest.approx(max(linear_forces) / 1e3, rel=1e-3)
     doubted = [cell.endswith("?") for cell in row.columns[row.heads.index("with kN")]]
     assert doubted == [False, True, False]
-    assert row.title.endswith("?: not converged")
+    assert row.caption.endswith("?: not converged")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import Block, Heading, Report, flowing, table
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import (
     governing_misfires,
     governing_table,
@@ -17,7 +18,7 @@ from jaxhb.report.text.cases import (
     worst_misfire,
 )
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
+from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
 from jaxhb.report.text.strength import (
     AID,
@@ -226,17 +227,26 @@ def shares_table(title: str, cases: Sequence[Case]) -> Table | None:
     """Make a table of the shares of limits of every element, case by case; cases may be
     of two designs; None without a limit.
     """
-    columns = [shares_of([case]) for case in cases]
-    rows = []
-    for key, name in dict.fromkeys(key for column in columns for key in column):
-        row = [name, LIMITED[key].called, LIMITED[key].limit]
-        for column in columns:
-            share = column.get((key, name))
-            row += [f"{share.share:.2f}", f"{share.rpm:g}"] if share else [NONE, NONE]
-        rows.append(row)
-    heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
-    groups = [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)]
-    return from_rows(title, heads, rows, groups) if rows else None
+    shares = [shares_of([case]) for case in cases]
+    judged = dict.fromkeys(key for of_case in shares for key in of_case)
+    columns = [
+        Column("element", read=lambda key: key[1]),
+        Column("judged", read=lambda key: LIMITED[key[0]].called),
+        Column("limit", read=lambda key: LIMITED[key[0]].limit),
+    ]
+    for case, of_case in zip(cases, shares, strict=True):
+        number = "{0.share:.2f}".format
+        place = "{0.rpm:g}".format
+        columns += [
+            Column("share", _or_none(number), of_case.get, case.title),
+            Column("at rpm", _or_none(place), of_case.get, case.title),
+        ]
+    return Table(title, columns, judged) if judged else None
+
+
+def _or_none(write: Callable[[Any], str]) -> Callable[[Any], str]:
+    """Write a value, a dash where there is none."""
+    return lambda value: NONE if value is None else write(value)
 
 
 def limits(report: Report) -> list[Block]:

@@ -16,9 +16,10 @@ from jaxhb.design.identification import (
 from jaxhb.design.measurements import UNITS
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, Table, count, from_rows, plain_number
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
-from jaxhb.report.text.tuned import parameter_unit
+from jaxhb.report.text.tuned import bounds_text, parameter_unit
 
 
 def identified_text(fit: Identification) -> str:
@@ -89,12 +90,12 @@ def _numbers(fit: Identification) -> Table:
                 count(std),
                 f"{100 * std / abs(value):.1f}",
                 parameter_unit(fit.train, parameter.name) or NONE,
-                f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
+                bounds_text(parameter),
                 remark,
             ]
         )
-    heads = ["number", "scene", "fitted", "+- (1 deviation)", "%", "unit", "bounds", ""]
-    return from_rows("Numbers", heads, rows, left=(7,))
+    heads = ["number", "scene", "fitted", "+- (1 deviation)", "%", "unit", "bounds"]
+    return Table("Numbers", [*heads, Column("", left=True)], rows)
 
 
 def _residuals(
@@ -142,7 +143,7 @@ def _residuals(
             ]
         )
     heads = ["measured", "order", "root mean square", *computed]
-    return from_rows("Residuals over the speeds", heads, rows)
+    return Table("Residuals over the speeds", heads, rows)
 
 
 def identified_record(fit: Identification) -> dict[str, Any]:
@@ -204,9 +205,8 @@ def weak_text(fit: WeakCylinder, names: OrderNames = NUMBERS) -> str:
         "burns, %",
         "+-",
         "worse than the first by (chi-square)",
-        "",
     ]
-    table = from_rows("Weak cylinder", heads, rows, left=(4,))
+    table = Table("Weak cylinder", [*heads, Column("", left=True)], rows)
     first = fit.names[0]
     share = f"{100 * fit.gas_factor[0]:.0f} % of what the others do"
     if not fit.explains:

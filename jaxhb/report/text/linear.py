@@ -24,14 +24,8 @@ from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
 from jaxhb.report.orders import OrderNames
-from jaxhb.report.text.columns import (
-    NONE,
-    Table,
-    fixed,
-    from_rows,
-    percent,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 FIRST = 3  # modes whose energies or tables are shown unless some are chosen
@@ -75,12 +69,21 @@ def modes_text(
         rows.append(
             [k, fixed(hz, 2), fixed(60 * hz, 0), nodes, damping, *in_teeth, moving]
         )
-    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio"]
-    heads += ["in teeth %"] * bool(teeth)
-    heads.append("largest angles, on own shafts, the largest 1")
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
-    return from_rows(title, heads, rows, left=(len(heads) - 1,))
+    return Table(
+        title,
+        [
+            "mode",
+            "Hz",
+            "per minute",
+            "nodes",
+            "damping ratio",
+            *["in teeth %"] * bool(teeth),
+            Column("largest angles, on own shafts, the largest 1", left=True),
+        ],
+        rows,
+    )
 
 
 def in_contact(train: DriveTrain) -> str:
@@ -95,16 +98,17 @@ def energies_text(modes: Modes, kinds: Sequence[str]) -> list[Table]:
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
     if not shown:
         return []
-    kinetic = ("Kinetic", "disk", modes.names, modes.kinetic_share)
-    strain = ("Strain", "link", modes.link_names, modes.strain_share)
-    heads = [f"mode {k}" for k in shown]
+    columns = [Column(f"mode {k}", percent) for k in shown]
     return [
         Table(
             f"{energy} energy of the first elastic modes, %",
-            [head, *heads],
-            [names, *(list(map(percent, share[k])) for k in shown)],
+            [head, *columns],
+            zip(names, *share[shown], strict=True),
         )
-        for energy, head, names, share in (kinetic, strain)
+        for energy, head, names, share in (
+            ("Kinetic", "disk", modes.names, modes.kinetic_share),
+            ("Strain", "link", modes.link_names, modes.strain_share),
+        )
     ]
 
 
@@ -378,7 +382,6 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         [f"{100 * share:.1f}" for share in energy / kinetic]
         for energy in (table.kinetic_energy, table.strain_energy)
     )
-    # Behind the last disk is no link.
     columns = {
         "disk": table.names,
         "J": inertia,
@@ -386,17 +389,22 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         "J w2 theta": torque,
         "sum": torque_sum,
         "disk %": of_disk,
-        "link": [*table.links[:-1], NONE],
-        "c": [*stiffness[:-1], NONE],
-        "sum/c": [*twist[:-1], NONE],
-        "link %": [*of_link[:-1], NONE],
+    }
+    # Behind the last disk is no link.
+    columns |= {
+        head: [*cells[:-1], NONE]
+        for head, cells in {
+            "link": table.links,
+            "c": stiffness,
+            "sum/c": twist,
+            "link %": of_link,
+        }.items()
     }
     number = "" if mode is None else f"mode {mode}, "
     return Table(
         f"{number}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m",
-        list(columns),
-        list(columns.values()),
-        left=(6,),
+        [Column(head, left=head == "link") for head in columns],
+        zip(*columns.values(), strict=True),
     )
 
 
@@ -464,13 +472,12 @@ def campbell_parts(
         "Natural frequencies; rigid modes and those of rings only have no critical"
         " speeds"
     )
-    heads = ["mode", *columns, "kind"]
-    modes = from_rows(title, heads, rows, left=(len(heads) - 1,))
+    modes = Table(title, ["mode", *columns, Column("kind", left=True)], rows)
     parts = [modes, *_left_out(diagram, count)]
     orders = ", ".join(map(names.number, diagram.orders)) or "none"
     if not diagram.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
-    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
+    heads: list[Column | str] = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     rows = [
         [
             f"{critical.rpm:.1f}",
@@ -482,12 +489,12 @@ def campbell_parts(
         for critical in diagram.critical
     ]
     if misfires:
-        heads += ["worst misfire N m", "that of"]
+        heads += ["worst misfire N m", Column("that of", left=True)]
         for place, row in enumerate(rows):
             cylinder, torque = _worst_at(place, misfires)
             row += [plain_number(torque), cylinder]
     title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
-    return [*parts, from_rows(title, heads, rows, left=(6,))]
+    return [*parts, Table(title, heads, rows)]
 
 
 def _worst_at(place: int, misfires: Mapping[str, Campbell]) -> tuple[str, float]:

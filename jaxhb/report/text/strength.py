@@ -23,15 +23,8 @@ from jaxhb.linear.strength import (
 )
 from jaxhb.report.answer import UNCONFIRMED, Answer
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import (
-    DOUBT,
-    NONE,
-    Doubtful,
-    Head,
-    Table,
-    from_rows,
-    ratio,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, ratio
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -249,17 +242,20 @@ def _table(strength: Strength, kind: str) -> Table:
             reverses.append(_where(np.asarray(rpm), row.reverses))
         share = cells[0], cells[1]
         rows.append([name, cells[0], *at_rpm, *cells[1:], share, *reverses])
-    numbers = [(head, "number") for head, _ in limited.heads.values()]
-    heads: list[Head] = [
-        limited.element,
-        numbers[0],
-        *["at rpm"] * several,
-        *numbers[1:],
-    ]
-    heads += [("share", ratio), *["reverses"] * (kind == "tooth_torques")]
+    numbers = [Column(head, "number") for head, _ in limited.heads.values()]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
-    title = f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title
-    return from_rows(title, heads, rows)
+    return Table(
+        f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title,
+        [
+            limited.element,
+            numbers[0],
+            *["at rpm"] * several,
+            *numbers[1:],
+            Column("share", ratio),
+            *["reverses"] * (kind == "tooth_torques"),
+        ],
+        rows,
+    )
 
 
 def _where(rpm: np.ndarray, happens: np.ndarray) -> str:

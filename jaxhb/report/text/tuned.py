@@ -16,14 +16,8 @@ from jaxhb.design.between_speeds import EXCESS, Checked, most_of
 from jaxhb.design.quantities import OF_DESIGN, Objective, Penalty, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import (
-    NONE,
-    Head,
-    Table,
-    count,
-    from_rows,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
 from jaxhb.results.steady import SteadyState
@@ -197,7 +191,7 @@ def tuned_parts(
         re.match("stress|.* over limit$", chosen.quantity)
         for chosen, *_ in _readings(settings, result)
     )
-    quantities = from_rows(f"{title} ({AID})" if judged else title, _HEADS, rows)
+    quantities = Table(f"{title} ({AID})" if judged else title, _HEADS, rows)
     parts = ["\n".join(head), _parameter_table(train, settings, result), quantities]
     if result.checked:
         parts.append(_between_table(settings, result))
@@ -214,24 +208,24 @@ def _parameter_table(
     train: DriveTrain, settings: Mapping[str, Any], result: Tuning
 ) -> Table:
     """The parameters before and after, and their bounds."""
-    rows = [
+    before = result.before.parameters
+    after = result.after.parameters
+    return Table(
+        "Parameters",
         [
-            parameter.name,
-            result.before.parameters[parameter.name],
-            result.after.parameters[parameter.name],
-            parameter_unit(train, parameter.name) or NONE,
-            f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
-        ]
-        for parameter in settings["parameters"]
-    ]
-    heads: list[Head] = [
-        "parameter",
-        ("before", plain_number),
-        ("after", plain_number),
-        "unit",
-        "bounds",
-    ]
-    return from_rows("Parameters", heads, rows)
+            Column("parameter", read=lambda each: each.name),
+            Column("before", plain_number, lambda each: before[each.name]),
+            Column("after", plain_number, lambda each: after[each.name]),
+            Column("unit", read=lambda each: parameter_unit(train, each.name) or NONE),
+            Column("bounds", read=bounds_text),
+        ],
+        settings["parameters"],
+    )
+
+
+def bounds_text(bounded: Any) -> str:
+    """The range of a parameter or tolerance in words."""
+    return f"{plain_number(bounded.low)} to {plain_number(bounded.high)}"
 
 
 def _peaks_between(
@@ -277,23 +271,31 @@ def _peaks_between(
 
 def _between_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     """All readings of responses at their worst, between the speeds, too."""
-    rows = []
-    for chosen, name, *_ in _readings(settings, result):
-        if chosen.quantity in OF_DESIGN:
-            continue
+    designs = [result.checked.get(when) for when in ("before", "after")]
+
+    def of_design(chosen: Objective | Penalty, name: str, place: int) -> list[str]:
+        checked = designs[place]
+        if checked is None:
+            return [NONE, NONE]
         factor, _ = scaled_unit(chosen.quantity)
-        row = [with_unit(chosen)]
-        for when in ("before", "after"):
-            checked = result.checked.get(when)
-            if checked:
-                value, speed = checked.worst(name)
-                row += [count(factor * value), f"{speed:.4g}"]
-            else:
-                row += [NONE, NONE]
-        rows.append([*row, _limit(chosen) or NONE])
+        value, speed = checked.worst(name)
+        return [count(factor * value), f"{speed:.4g}"]
+
     speeds = len(result.checked["after"].rpm)
-    title = f"The same between the speeds, too ({speeds} speeds of the last design)"
-    return from_rows(title, _HEADS, rows)
+    return Table(
+        f"The same between the speeds, too ({speeds} speeds of the last design)",
+        _HEADS,
+        [
+            [
+                with_unit(chosen),
+                *of_design(chosen, name, 0),
+                *of_design(chosen, name, 1),
+                _limit(chosen) or NONE,
+            ]
+            for chosen, name, *_ in _readings(settings, result)
+            if chosen.quantity not in OF_DESIGN
+        ],
+    )
 
 
 def _followed_text(followed: Iterable[str]) -> str:
@@ -325,20 +327,20 @@ def _robust_table(settings: Mapping[str, Any], result: Tuning) -> Table:
             solved = f"{100 * spread.solved.min():.0f}"
             rows.append([with_unit(objective), title, *numbers, solved])
     drawn = len(next(iter(spreads.values())).drawn)
-    heads = [
-        "worst over the speeds",
-        "design",
-        "itself",
-        "worst case",
-        "95 %",
-        "largest",
-        "solved, %",
-    ]
-    title = (
+    return Table(
         "Within the tolerances: the design itself, the worst case found, and a fresh"
-        f" sample of {drawn} trains"
+        f" sample of {drawn} trains",
+        [
+            "worst over the speeds",
+            Column("design", left=True),
+            "itself",
+            "worst case",
+            "95 %",
+            "largest",
+            "solved, %",
+        ],
+        rows,
     )
-    return from_rows(title, heads, rows, left=(1,))
 
 
 def _not_solved(rpm: np.ndarray, result: Tuning) -> list[str]:
