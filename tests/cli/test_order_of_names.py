@@ -2,6 +2,7 @@
 read the same of both.
 """
 
+import dataclasses
 import json
 import re
 
@@ -160,7 +161,7 @@ def test_what_people_read_does_not_depend_on_which_end_of_a_link_is_named_first(
         called = run(f"{word} {path} {options}", *filter(None, [file]))
         assert called.status == 0, called.err
         told.append(called.out)  # errors tell how long it takes
-        figures.append(json.dumps([vars(figure) for figure in drawn]))
+        figures.append(json.dumps(list(map(dataclasses.asdict, drawn))))
         pages.append(
             called.path("html").read_text(encoding="utf-8") if file == "html" else ""
         )

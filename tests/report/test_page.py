@@ -26,6 +26,7 @@ from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
+from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.judgement import shares_of
@@ -338,7 +339,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     values = after.traces[0]["y"]
     assert values[1] is None
     assert values[::2] == before.traces[0]["y"][::2]
-    assert after.layout["yaxis"]["range"][1] <= before.layout["yaxis"]["range"][1]
+    assert after.panels[0].limits <= before.panels[0].limits
     (crosses,) = [trace for trace in after.traces if trace["name"] == NO_ANSWER]
     assert crosses["x"] == [3000.0]
     assert crosses["y"] == [0.0]
@@ -448,7 +449,7 @@ def test_heads_of_groups_stand_above_their_columns(page_file):
 def test_plotly_knows_every_key_of_every_figure(parts):
     graph_objects = pytest.importorskip("plotly.graph_objects")
     for figure in figures(parts):
-        graph_objects.Figure({"data": figure.traces, "layout": figure.layout})
+        graph_objects.Figure({"data": figure.traces, "layout": layout_of(figure)})
 
 
 @pytest.mark.slow

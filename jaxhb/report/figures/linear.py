@@ -5,6 +5,7 @@ Campbell diagram.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from jaxhb.report.figures.figure import (
     GREY,
     WITH,
     WITHOUT,
+    Axis,
     Figure,
     above,
     bars,
@@ -97,21 +99,18 @@ def plot_holzer(
         )
         for mode, zero in zeros.items()
     ]
-    spec = figure(
-        "Holzer's residual, zero at natural frequencies",
-        "frequency, Hz",
-        [("residual, N m, from ordinates 1", None)],
-        traces,
-        x_range=(0.0, highest),
-        height=220,
-        annotations=notes,
-    )
-    picture = drawn(spec, title=train.topology.title)
     small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
     linear = 10 ** np.ceil(np.log10(small)) if small else 1.0
-    picture.axes[0].set_yscale("symlog", linthresh=linear)
-    picture.axes[0].set_yticks(_decades(low, high, linear))
-    return picture
+    ticks = _decades(low, high, linear)
+    spec = figure(
+        "Holzer's residual, zero at natural frequencies",
+        Axis("frequency, Hz", (0.0, highest)),
+        [Axis("residual, N m, from ordinates 1", linear=linear, ticks=ticks)],
+        traces,
+        height=220,
+        notes=notes,
+    )
+    return drawn(spec, title=train.topology.title)
 
 
 def _decades(low: float, high: float, linear: float) -> list[float]:
@@ -215,16 +214,13 @@ def campbell_figure(
     ]
     spec = figure(
         caption,
-        "speed, rpm",
-        [("frequency, Hz", (0.0, top))],
+        Axis("speed, rpm", (low, high)),
+        [Axis("frequency, Hz", (0.0, top))],
         traces,
-        x_range=(low, high),
         height=400,
-        annotations=ray_names + _mode_names(campbell, shown, top),
+        notes=ray_names + _mode_names(campbell, shown, top),
     )
-    spec.layout["margin"] |= {"r": 125, "t": 24}
-    spec.layout["height"] += 12
-    return spec
+    return replace(spec, right=125, top=12)
 
 
 def counting(campbell: Campbell) -> list[Critical]:
@@ -345,31 +341,21 @@ def shapes_figure(
     caption += "Dashed: branches, each begins at the disk named in brackets." * (
         len(lines) > 1
     )
-    spec = figure(
-        caption,
-        "",
-        [("", (-1.15, 1.15))] * len(chosen),
-        traces,
-        height=95,
-        annotations=notes,
-        x_range=(-0.5, starts[-1] - 1.5),
-    )
     names: dict = {}  # the disk on which a branch hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
         names |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
         if number:
             names[start] = f"({names[start]})"
     names = dict(list(names.items())[:: -(-len(names) // NAMES)])
-    room = round(5.4 * max(map(len, names.values())))
-    spec.layout["xaxis"] |= {
-        "tickvals": list(names),
-        "ticktext": list(names.values()),
-        "tickangle": -90,
-        "tickfont": {"size": 9},
-    }
-    spec.layout["margin"] |= {"t": 22, "b": 16 + room}
-    spec.layout["height"] += room - 20
-    return spec
+    spec = figure(
+        caption,
+        Axis("", (-0.5, starts[-1] - 1.5), ticks=names),
+        [Axis("", (-1.15, 1.15))] * len(chosen),
+        traces,
+        height=95,
+        notes=notes,
+    )
+    return replace(spec, top=10, bottom=16 + round(5.4 * max(map(len, names.values()))))
 
 
 def mode_nodes(

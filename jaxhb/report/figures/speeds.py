@@ -19,6 +19,7 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     MARKED,
     SYMBOLS,
+    Axis,
     Figure,
     Trace,
     bands,
@@ -113,15 +114,13 @@ def over_speed(
     caption: str | None = None,
     *,
     more: Sequence[Trace] = (),
-    **layout: Any,
 ) -> Figure:
     """Make the figure of elements over the speed, case by case, with and without
     backlash; symbols tell the kind of motion.
 
     Of one element every case has a look of its own; of several every element, with open
     symbols in the second case. A quantity of no signal is drawn with backlash alone, as
-    a motion that has no linear one beside it. ``more`` are further traces, ``layout``
-    is for :func:`figure`.
+    a motion that has no linear one beside it. ``more`` are further traces.
     """
     first = cases[0].answers
     several = len(names) > 1
@@ -164,8 +163,9 @@ def over_speed(
                     )
                 )
     traces += more
-    axis = speed_range(places)
-    width = BESIDE * (axis[1] - axis[0])
+    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
+    low, high = speed_range(places)
+    width = BESIDE * (high - low)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, width)
     traces += _spread(quantity, names, cases, 2 * width)
@@ -174,16 +174,9 @@ def over_speed(
         [place for place, _ in unconfirmed], [value for _, value in unconfirmed]
     )
     traces += kind_keys(*(case.answers for case in cases))
-    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
-    return figure(
-        caption,
-        title,
-        f"{quantity.called}, {quantity.unit}",
-        traces,
-        x_range=axis,
-        **layout,
-    )
+    panel = f"{quantity.called}, {quantity.unit}"
+    return figure(caption, Axis(title, (low, high)), panel, traces)
 
 
 def _cycles(
@@ -281,9 +274,8 @@ def tolerance_figures(spread: Spread) -> list[Figure]:
             )
             traces.append(marks(rpm, middle, "median of the sample", "circle", size=5))
         title = f"{objective.quantity}, {unit}".removesuffix(", ")
-        figures.append(
-            figure(plain(name), "speed, rpm", title, traces, x_range=speed_range(rpm))
-        )
+        axis = Axis("speed, rpm", speed_range(rpm))
+        figures.append(figure(plain(name), axis, title, traces))
     return figures
 
 
@@ -341,10 +333,8 @@ def plot_identified(identification: Identification) -> Picture:
                 )
             )
         caption = f"{quantity} of {plain(element)}: amplitudes"
-        axis = speed_range(np.unique(measured.rpm))
-        figures.append(
-            figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis)
-        )
+        axis = Axis("speed, rpm", speed_range(np.unique(measured.rpm)))
+        figures.append(figure(caption, axis, f"{quantity}, {unit}", traces))
     title = train_name(identification.train.topology)
     return drawn(*figures, title=f"{title}: measured and computed")
 
@@ -451,10 +441,9 @@ def orders_figure(
     remark = f"linear forced response over the speed, {title}".removesuffix(", ")
     return figure(
         f"{plain(element.name)}: {remark}, {unit}",
-        "speed, rpm",
+        Axis("speed, rpm", speed_range(rpm)),
         f"{element.called}, {unit}",
         traces,
-        x_range=speed_range(rpm),
         height=220,  # as the limits below it
     )
 
@@ -555,12 +544,11 @@ def limit_figure(
     against = f" against its limit{'s' * (drawn_limits > 1)}" if drawn_limits else ""
     return figure(
         f"{plain(name)}: {called}{against}, {unit}{shaded}",
-        "speed, rpm",
+        Axis("speed, rpm", speed_range(np.asarray(first.rpm))),
         f"{called}, {unit}",
         traces,
-        x_range=speed_range(np.asarray(first.rpm)),
         height=180,
-        shapes=bands([(band.low, band.high) for band in barred]),
+        bands=bands([(band.low, band.high) for band in barred]),
     )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
+from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.selection import cylinder_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
@@ -141,7 +142,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"words": _words, "css": _css_text}
+    templates.filters |= {"words": _words, "css": _css_text, "layout": layout_of}
     kinds = {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}
     for name, kind in kinds.items():
         templates.tests[name] = lambda block, kind=kind: isinstance(block, kind)
