@@ -157,10 +157,8 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
     end = answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         for motion, style in motions:
-            if style:
-                words = "without backlash"
-            else:
-                words = "with backlash" if backlash else plain(name)
+            words = "with backlash" if backlash else plain(name)
+            words = "without backlash" if style else words
             signal = quantity.signal_for_people(answer, motion, name)
             values = quantity.factor * _repeated(motion, signal, periods)[::step]
             # Equal steps: a start and a step in place of all angles keep the page
@@ -216,28 +214,21 @@ def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
         count = len(after.highest)
         cycles = np.arange(1, count + 1)
         in_legend = not panel
-        traces.append(
+        traces += [
             marks(
                 cycles,
-                factor * after.highest,
-                "largest of a cycle",
-                "triangle-up",
+                factor * values,
+                f"{which} of a cycle",
+                symbol,
                 size=5,
                 panel=panel,
                 showlegend=in_legend,
             )
-        )
-        traces.append(
-            marks(
-                cycles,
-                factor * after.lowest,
-                "smallest of a cycle",
-                "triangle-down-open",
-                size=5,
-                panel=panel,
-                showlegend=in_legend,
+            for values, which, symbol in (
+                (after.highest, "largest", "triangle-up"),
+                (after.lowest, "smallest", "triangle-down-open"),
             )
-        )
+        ]
         percentiles = f"{', '.join(map(str, PERCENT))} % of the cycles"
         levels: Sequence[tuple[str, Sequence[float] | np.ndarray, float]] = (
             (percentiles, np.ravel([after.per_cycle.max, after.per_cycle.min]), 0.8),

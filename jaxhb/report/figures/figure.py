@@ -477,11 +477,12 @@ def kind_keys(*lists: Sequence[Answer]) -> list[Trace]:
 UNCONFIRMED = "ringed: not confirmed by harmonic balance, ? in tables"
 
 
-def rings(speeds: Column, values: Column) -> list[Trace]:
+def rings(points: Sequence[tuple[float, float]]) -> list[Trace]:
     """Make rings round numbers that harmonic balance did not confirm, in a list."""
-    if not len(speeds):
+    if not points:
         return []
-    return [marks(speeds, values, UNCONFIRMED, "circle-open", size=14)]
+    x, y = zip(*points, strict=True)
+    return [marks(x, y, UNCONFIRMED, "circle-open", size=14)]
 
 
 def crosses(speeds: Column, bottom: float = 0.0) -> list[Trace]:

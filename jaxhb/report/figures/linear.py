@@ -152,43 +152,33 @@ def campbell_figure(
         min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
     top = 1.08 * (top or 1.0)
-    traces = []
-    for order in campbell.orders:
-        traces.append(
-            line(
-                [low, high],
-                [order * low / 60, order * high / 60],
-                f"order {names.number(order)}",
-                look={"color": GREY, "dash": "dash", "width": 0.8},
-                showlegend=False,
-            )
+    traces = [
+        line(
+            [low, high],
+            [order * low / 60, order * high / 60],
+            f"order {names.number(order)}",
+            look={"color": GREY, "dash": "dash", "width": 0.8},
+            showlegend=False,
         )
+        for order in campbell.orders
+    ]
     shown = [k for k in campbell.shown(count) if campbell.frequencies_hz[-1, k] <= top]
-    for k in shown:
-        look = (
-            {"color": WITHOUT, "dash": "solid"}
-            if k in elastic
-            else {"color": "grey", "dash": "dot"}
+    full = {"color": WITHOUT, "dash": "solid", "width": 1.8}
+    dotted = {"color": "grey", "dash": "dot", "width": 1.8}
+    traces += [
+        line(
+            campbell.rpm,
+            campbell.frequencies_hz[:, k],
+            f"mode {k}",
+            look=full if k in elastic else dotted,
+            showlegend=False,
         )
-        traces.append(
-            line(
-                campbell.rpm,
-                campbell.frequencies_hz[:, k],
-                f"mode {k}",
-                look=look | {"width": 1.8},
-                showlegend=False,
-            )
-        )
+        for k in shown
+    ]
     filled = counting(campbell)
-    critical_speeds = {
-        "circle": filled,
-        "circle-open": [c for c in campbell.critical if c not in filled],
-    }
-    for symbol, critical in critical_speeds.items():
-        text = [
-            f"order {names.number(c.order)}, mode {c.mode}, modal torque"
-            f" {plain_number(c.torque)} N m"
-            for c in critical
+    for symbol in ("circle", "circle-open"):
+        critical = [
+            c for c in campbell.critical if (c in filled) == (symbol == "circle")
         ]
         traces.append(
             marks(
@@ -197,7 +187,11 @@ def campbell_figure(
                 "critical speed",
                 symbol,
                 color=WITH,
-                text=text,
+                text=[
+                    f"order {names.number(c.order)}, mode {c.mode}, modal torque"
+                    f" {plain_number(c.torque)} N m"
+                    for c in critical
+                ],
                 hovertemplate="%{x} rpm, %{y} Hz: %{text}<extra></extra>",
                 showlegend=False,
             )
@@ -304,20 +298,20 @@ def shapes_figure(
     traces = []
     notes = []
     for panel, k in enumerate(chosen):
-        for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-            traces.append(
-                line(
-                    start + np.arange(len(way)),
-                    shapes[k][way],
-                    "",
-                    min(number, 1),
-                    mode="lines+markers",
-                    text=[modes.names[disk] for disk in way],
-                    hovertemplate="%{text}: %{y}<extra></extra>",
-                    panel=panel,
-                    showlegend=False,
-                )
+        traces += [
+            line(
+                start + np.arange(len(way)),
+                shapes[k][way],
+                "",
+                min(number, 1),
+                mode="lines+markers",
+                text=[modes.names[disk] for disk in way],
+                hovertemplate="%{text}: %{y}<extra></extra>",
+                panel=panel,
+                showlegend=False,
             )
+            for number, (start, way) in enumerate(zip(starts, lines, strict=False))
+        ]
         at_rest = np.abs(modes.shapes[k]) <= AT_REST
         nodes = mode_nodes(lines, starts, np.where(at_rest, 0.0, shapes[k]))
         traces.append(

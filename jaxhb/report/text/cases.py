@@ -169,55 +169,75 @@ def solve_text(answer: Answer) -> str:
     of gears and shafts, notes.
     """
     topology = answer.topology
-    balance = balance_line(answer.balance)
-    means = "; ".join(
-        filter(None, [balance, f"mean angles: {mean_angles_of(topology)}"])
-    )
-    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm"]
-    head += [*firing_lines(answer.train), *status_lines(answer), means]
+    means = [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]
+    head = [
+        verdict(answer),
+        "",
+        f"{train_name(topology)} at {answer.rpm:g} rpm",
+        *firing_lines(answer.train),
+        *status_lines(answer),
+        "; ".join(filter(None, means)),
+    ]
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
-    parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
-    parts += certificate_text(answer)
-    parts += strength_text({"": answers_strength([answer])})
-    parts += notes_text(answer)
-    return "\n\n".join(parts)
+    return "\n\n".join(
+        [
+            "\n".join(head),
+            *(doubt + table for table in _tables(answer)),
+            *certificate_text(answer),
+            *strength_text({"": answers_strength([answer])}),
+            *notes_text(answer),
+        ]
+    )
 
 
 def _tables(answer: Answer) -> Iterator[Table]:
     """Tables of one speed: tooth forces and contact, torques, angles, speeds."""
     topology = answer.topology
     if topology.mesh_names:
-        title = (
+        yield element_table(
             "Tooth force, kN (elastic and damping; positive on the flank that drives,"
-            " driven by: see Contact)"
+            " driven by: see Contact)",
+            "mesh",
+            FORCES,
+            answer,
         )
-        yield element_table(title, "mesh", FORCES, answer)
         yield from peak_table(answer)
-        title = (
+        yield element_table(
             "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
-            " not drive), impacts a cycle"
+            " not drive), impacts a cycle",
+            "mesh",
+            CONTACT,
+            answer,
         )
-        yield element_table(title, "mesh", CONTACT, answer)
         yield from meshing_table(answer)
-        title = "Torque that a gear passes to its mates, N m"
-        yield element_table(title, "gear", _swings("gear_torque"), answer)
+        yield element_table(
+            "Torque that a gear passes to its mates, N m",
+            "gear",
+            _swings("gear_torque"),
+            answer,
+        )
     if topology.shaft_and_damper_names:
         columns = (_of("mean", "torque_mean"), *_linear_swings("torque"))
         if any(topology.mesh_backlash):
             columns = _swings("torque")
-        columns = (*columns, _of("heat W", "heat", "W"))
-        title = "Torque of shafts and dampers, N m (mean: its size)"
-        yield element_table(title, "shaft", columns, answer)
+        yield element_table(
+            "Torque of shafts and dampers, N m (mean: its size)",
+            "shaft",
+            (*columns, _of("heat W", "heat", "W")),
+            answer,
+        )
     if not topology.link_names:
         yield element_table(
             "Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer
         )
     if answer.known and answer.response is not None:
-        title = (
+        yield element_table(
             "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean;"
-            " acceleration, rad/s2, half p-p"
+            " acceleration, rad/s2, half p-p",
+            "disk",
+            SPEEDS,
+            answer,
         )
-        yield element_table(title, "disk", SPEEDS, answer)
 
 
 def meshing_table(answer: Answer) -> list[Table]:
@@ -257,11 +277,16 @@ def meshing_table(answer: Answer) -> list[Table]:
         Column("error p-p um", "um", error),
         Column("impacts mJ", "mJ", impacts),
     ]
-    title = (
-        "Gear whine: tooth force at orders of the mesh period; loaded transmission"
-        " error; energy of impacts a cycle"
-    )
-    return [element_table(title, "mesh", columns, answer, names=names)]
+    return [
+        element_table(
+            "Gear whine: tooth force at orders of the mesh period; loaded transmission"
+            " error; energy of impacts a cycle",
+            "mesh",
+            columns,
+            answer,
+            names=names,
+        )
+    ]
 
 
 def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
@@ -318,25 +343,23 @@ def cases_text(cases: Sequence[Case]) -> str:
         lines = [f"==== {first.rpm:g} rpm ===="]
         for case in cases:
             answer = case.answers[place]
-            balance = balance_line(answer.balance)
-            of_case = filter(None, [*status_lines(answer), balance])
-            lines += [f"  {case.title}", *(f"    {line}" for line in of_case)]
+            of_case = [*status_lines(answer), balance_line(answer.balance)]
+            lines += [f"  {case.title}", *(f"    {line}" for line in of_case if line)]
         parts += ["\n".join(lines), *speed_tables(cases, place)]
-    parts += [
-        text
-        for case in cases
-        for answer in case.answers
-        for text in certificate_text(answer)
-    ]
+    for case in cases:
+        for answer in case.answers:
+            parts += certificate_text(answer)
     return "\n\n".join([*parts, *_below(cases)])
 
 
 def _below(cases: Sequence[Case]) -> list[str]:
     """Stresses, tooth torques and heat of every case beside their limits, and notes."""
-    limits = strength_text(
-        {f"With {case.title}": answers_strength(case.answers) for case in cases}
-    )
-    return limits + notes_text(*(answer for case in cases for answer in case.answers))
+    return [
+        *strength_text(
+            {f"With {case.title}": answers_strength(case.answers) for case in cases}
+        ),
+        *notes_text(*(answer for case in cases for answer in case.answers)),
+    ]
 
 
 def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
@@ -370,22 +393,26 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
     tables = []
     links = train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
-        title = (
+        forces = table(
             "Largest tooth force, kN, with and without backlash; share of the time"
-            " apart and on the reverse flank"
+            " apart and on the reverse flank",
+            quantities.forces(train),
+            COMPARED,
         )
-        tables.append(table(title, quantities.forces(train), COMPARED))
-        for case in cases:
-            tables += peak_table(case.answers[place], f"With {case.title}: l")
-        tables.append(swings(quantities.gear_torques(train)))
+        peaks = [
+            peak
+            for case in cases
+            for peak in peak_table(case.answers[place], f"With {case.title}: l")
+        ]
+        tables += [forces, *peaks, swings(quantities.gear_torques(train))]
     if links or not tables:
         tables.append(
             swings((quantities.shaft_torques if links else quantities.angles)(train))
         )
     turning = quantities.irregularity(train)
-    heats = quantities.heat(train)
     of_turning = _of("%", turning.variable, irregular)
     tables.append(table(turning.title, turning, [of_turning]))
+    heats = quantities.heat(train)
     if heats.names:
         tables.append(table(heats.title, heats, [_of("W", heats.variable)]))
     return tables
@@ -536,16 +563,15 @@ def misfires_text(cases: Sequence[Case]) -> str:
     """
     worst = worst_misfire(cases)
     parts = [
-        (
-            misfire_text(worst, cases[0].title)
-            if worst
-            else "No motion with a misfire is known."
-        )
+        misfire_text(worst, cases[0].title)
+        if worst
+        else "No motion with a misfire is known.",
+        *firing_lines(*(case.answers[0].train for case in cases)),
+        governing_table(cases),
+        *(_speed_table(cases, place) for place in range(len(cases[0].answers))),
+        *_below(cases),
     ]
-    parts += firing_lines(*(case.answers[0].train for case in cases))
-    parts += filter(None, [governing_table(cases)])
-    parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
-    return "\n\n".join(parts + _below(cases))
+    return "\n\n".join(filter(None, parts))
 
 
 def _speed_table(cases: Sequence[Case], place: int) -> Table:

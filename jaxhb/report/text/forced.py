@@ -360,16 +360,17 @@ def _record(
         }
 
     def of_element(reading: Reading) -> dict[str, Any]:
-        record = summary(reading.signal) | {
-            "amplitudes": reading.signal.amplitudes[:, listed],
-            "phases_deg": reading.signal.phases_deg[:, listed],
+        signal = reading.signal
+        record = summary(signal) | {
+            "amplitudes": signal.amplitudes[:, listed],
+            "phases_deg": signal.phases_deg[:, listed],
             "power_W": reading.power,
         }
-        if reading.kind != "disks":
-            record["elastic"] = summary(reading.signal.elastic)
-        return record
+        return record | (
+            {} if reading.kind == "disks" else {"elastic": summary(signal.elastic)}
+        )
 
-    record: dict[str, Any] = {
+    return {
         "scene": response.topology.name,
         "rpm": response.rpm,
         "status": [Status(int(status)).name for status in response.status],
@@ -377,14 +378,14 @@ def _record(
         "load_kW": response.load_kW + 0.0,
         "input_power_W": gapped.input_power,
         "orders": all_orders[listed],
-    }
-    for kind in KINDS:
-        record[kind] = {
+    } | {
+        kind: {
             reading.name: of_element(reading)
             for reading in gapped_readings
             if reading.kind == kind
         }
-    return record
+        for kind in KINDS
+    }
 
 
 def forced_rows(
@@ -549,11 +550,8 @@ def hardest_misfire(cases: Mapping[str, ForcedResponse]) -> dict[str, Any] | Non
     ):
         return None
     every = readings(cases[""])
-    worst = worst_of(
-        cases,
-        every,
-        {cylinder: strength(response) for cylinder, response in cases.items()},
-    )
+    strengths = {cylinder: strength(response) for cylinder, response in cases.items()}
+    worst = worst_of(cases, every, strengths)
     return _worst_record(hardest_of(every, worst), worst)
 
 

@@ -298,23 +298,19 @@ def mean_load_record(load: MeanLoad, rpm: float) -> dict[str, Any]:
     stiffness, engagement 0 to 1; and on shafts or dampers with stages, stops, clearance
     or friction: torque, twist, tangent stiffness.
     """
-    of_meshes = {
-        "force": load.force,
-        "stiffness": load.stiffness,
-        "engagement": load.engagement,
-    }
-    of_links = {
-        "torque": load.torque,
-        "twist": load.twist,
-        "stiffness": load.link_stiffness,
-    }
+    of_meshes = zip(
+        load.names, load.force, load.stiffness, load.engagement, strict=True
+    )
+    of_links = zip(
+        load.links, load.torque, load.twist, load.link_stiffness, strict=True
+    )
     rows = {
-        name: {key: values[i] for key, values in of_meshes.items()}
-        for i, name in enumerate(load.names)
+        name: {"force": force, "stiffness": stiffness, "engagement": engagement}
+        for name, force, stiffness, engagement in of_meshes
     }
     rows |= {
-        name: {key: values[i] for key, values in of_links.items()}
-        for i, name in enumerate(load.links)
+        name: {"torque": torque, "twist": twist, "stiffness": stiffness}
+        for name, torque, twist, stiffness in of_links
     }
     return {"at_rpm": rpm, "mean_load": rows}
 
@@ -363,12 +359,14 @@ def holzer_text(
     """
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
-    head = (
-        f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc N m/rad,"
-        f" sum/c rad{meshes}. Energies of disk and link in % of the kinetic"
-        " energy.\nThe sum of a row passes through its link."
+    return "\n\n".join(
+        [
+            f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
+            f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
+            " kinetic energy.\nThe sum of a row passes through its link.",
+            *(_holzer_table(mode, table) for mode, table in tables),
+        ]
     )
-    return "\n\n".join([head, *(_holzer_table(mode, table) for mode, table in tables)])
 
 
 def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
@@ -468,16 +466,16 @@ def campbell_parts(
         [k, *(f"{column[k]:.2f}" for column in columns.values()), diagram.kinds[k]]
         for k in shown
     ]
-    title = (
+    modes = Table(
         "Natural frequencies; rigid modes and those of rings only have no critical"
-        " speeds"
+        " speeds",
+        ["mode", *columns, Column("kind", left=True)],
+        rows,
     )
-    modes = Table(title, ["mode", *columns, Column("kind", left=True)], rows)
     parts = [modes, *_left_out(diagram, count)]
     orders = ", ".join(map(names.number, diagram.orders)) or "none"
     if not diagram.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
-    heads: list[Column | str] = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     rows = [
         [
             f"{critical.rpm:.1f}",
@@ -488,13 +486,23 @@ def campbell_parts(
         ]
         for critical in diagram.critical
     ]
-    if misfires:
-        heads += ["worst misfire N m", Column("that of", left=True)]
-        for place, row in enumerate(rows):
-            cylinder, torque = _worst_at(place, misfires)
-            row += [plain_number(torque), cylinder]
-    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
-    return [*parts, Table(title, heads, rows)]
+    for place, row in enumerate(rows if misfires else ()):
+        cylinder, torque = _worst_at(place, misfires)
+        row += [plain_number(torque), cylinder]
+    critical_speeds = Table(
+        f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}.",
+        [
+            "rpm",
+            "order",
+            "mode",
+            "Hz",
+            "modal torque N m",
+            *["worst misfire N m"] * bool(misfires),
+            *[Column("that of", left=True)] * bool(misfires),
+        ],
+        rows,
+    )
+    return [*parts, critical_speeds]
 
 
 def _worst_at(place: int, misfires: Mapping[str, Campbell]) -> tuple[str, float]:

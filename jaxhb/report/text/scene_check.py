@@ -2,6 +2,7 @@
 notes, referred numbers.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -58,10 +59,13 @@ def referred_tables(train: DriveTrain) -> list[Table]:
         disks["k N m/rad"] = stiffness
         disks["k i^2"] = stiffness * numbers.factor**2
     more = ", damping and stiffness to ground" * (len(disks) > 4)
-    title = (
-        f"{topology.title}: inertias{more}, actual and referred to the reference rotor"
-    )
-    tables = [_numbers(title, disks)]
+    tables = [
+        _numbers(
+            f"{topology.title}: inertias{more}, actual and referred to the reference"
+            " rotor",
+            disks,
+        )
+    ]
     if numbers.links:
         kinds = [
             kind
@@ -80,11 +84,14 @@ def referred_tables(train: DriveTrain) -> list[Table]:
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
             links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
-        title = (
-            "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
-            " factor is i x radius in m"
+        tables.append(
+            _numbers(
+                "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
+                " factor is i x radius in m",
+                links,
+                left="",
+            )
         )
-        tables.append(_numbers(title, links, left=""))
     return [*tables, *_order_table(train, numbers), *_varying_table(train, numbers)]
 
 
@@ -130,7 +137,7 @@ def _varying_table(train: DriveTrain, numbers: Referred) -> list[Table]:
     """The table of links that vary, as stiffness and damping, in a list."""
     topology = train.topology
     shafts = len(train.topology.shaft_names)
-    rows = []
+    columns: dict[str, list] = defaultdict(list)
     for field, links in (
         ("over_hz", topology.hz_links),
         ("over_amplitude", topology.amplitude_links),
@@ -142,39 +149,31 @@ def _varying_table(train: DriveTrain, numbers: Referred) -> list[Table]:
             for place, stiffer, damped in dict.fromkeys(knots):
                 stiffness = stiffer * numbers.stiffness[i]
                 damping = damped * numbers.damping[i]
-                row = [
-                    numbers.links[i],
-                    field,
-                    place,
+                row = {
+                    "link": numbers.links[i],
+                    "over": field,
+                    "at": place,
                     # Angles referred to the reference rotor are phi / i; frequencies
                     # are the same for all.
-                    place if field == "over_hz" else place / factor,
-                    stiffness,
-                    stiffness * factor**2,
-                    damping,
-                    damping * factor**2,
-                    damped * table.loss_factor[k],
-                ]
-                rows.append(row)
-    if not rows:
+                    "referred": place if field == "over_hz" else place / factor,
+                    "k N m/rad": stiffness,
+                    "k i^2": stiffness * factor**2,
+                    "r N m s/rad": damping,
+                    "r i^2": damping * factor**2,
+                    "loss factor": damped * table.loss_factor[k],
+                }
+                for head, cell in row.items():
+                    columns[head].append(cell)
+    if not columns:
         return []
-    title = (
-        "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or"
-        " amplitudes (rad) of their rows"
-    )
-    heads = [
-        "link",
-        "over",
-        "at",
-        "referred",
-        "k N m/rad",
-        "k i^2",
-        "r N m s/rad",
-        "r i^2",
-        "loss factor",
+    return [
+        _numbers(
+            "Links that vary: stiffness, damping and loss factor at the frequencies"
+            " (Hz) or amplitudes (rad) of their rows",
+            columns,
+            left="over",
+        )
     ]
-    columns = dict(zip(heads, zip(*rows, strict=True), strict=True))
-    return [_numbers(title, columns, left="over")]
 
 
 def own_speeds(train: DriveTrain) -> list[float] | None:
@@ -441,15 +440,14 @@ def _counts(topology: Topology) -> str:
     numbers = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
     for kind in ("shaft", "mesh", "damper", "cylinder"):
         numbers[kind] = len(getattr(topology, f"{kind}_names"))
-    texts = []
-    for kind, number in numbers.items():
-        if number:
-            plural = "es" if kind == "mesh" else "s"
-            text = f"{number} {kind}{plural * (number != 1)}"
-            if kind == "mesh":
-                text += f" ({sum(topology.mesh_backlash)} with backlash)"
-            texts.append(text)
-    return ", ".join(texts)
+    texts = {
+        kind: f"{number} {kind}{('es' if kind == 'mesh' else 's') * (number != 1)}"
+        for kind, number in numbers.items()
+        if number
+    }
+    if "mesh" in texts:
+        texts["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
+    return ", ".join(texts.values())
 
 
 def torque_rows(
@@ -463,25 +461,22 @@ def torque_rows(
     means = mean_torques(
         train.torques, train.cylinders, topology.gas_cycles, speeds
     ).T.tolist()
-    names = [
-        *topology.torque_names,
-        *topology.cylinder_names,
-        *topology.load_names,
-        *topology.ground_names,
-    ]
-    seats = [
-        *topology.torque_disk,
-        *topology.cylinder_disk,
-        *topology.load_disk,
-        *topology.ground_disk,
-    ]
     loads = [torques_of(response, "load") for response in responses]
     grounds = [torques_of(response, "ground") for response in responses]
     means += [[load[name] for load in loads] for name in topology.load_names]
     means += [[-ground[name] for ground in grounds] for name in topology.ground_names]
+    kinds = ("torque", "cylinder", "load", "ground")
+    elements = [
+        (name, topology.disk_names[seat])
+        for kind in kinds
+        for name, seat in zip(
+            getattr(topology, f"{kind}_names"),
+            getattr(topology, f"{kind}_disk"),
+            strict=True,
+        )
+    ]
     return [
-        (name, topology.disk_names[seat], row)
-        for name, seat, row in zip(names, seats, means, strict=True)
+        (name, disk, row) for (name, disk), row in zip(elements, means, strict=True)
     ]
 
 

@@ -25,12 +25,11 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
     which numbers move it, where. ``checked`` are the motions there, as of
     :func:`jaxhb.report.compute.check_spread`.
     """
-    title = spread.train.topology.title
     rpm = spread.rpm
     solved = spread.answered
     lines = [
-        f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances;"
-        f" {spread.evaluations} solves of a speed."
+        f"{spread.train.topology.title} at {SPEED.span(rpm)}: {len(spread.tolerances)}"
+        f" tolerances; {spread.evaluations} solves of a speed."
     ]
     if not solved.all():
         lost = ", ".join(f"{speed:g}" for speed in rpm[~solved])
@@ -38,10 +37,13 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
     parts = ["\n".join(lines), *_not_judged(spread)]
     answered = _answered_quantities(spread)
     if len(answered):
-        parts.append(_worst_table(spread))
-        parts += [_over_speeds(spread, j, checked) for j in answered]
-        parts += [_moving(spread), _places(spread)]
-        parts += remarks_text(_guarantee(spread), "Bounds")
+        parts += [
+            _worst_table(spread),
+            *(_over_speeds(spread, j, checked) for j in answered),
+            _moving(spread),
+            _places(spread),
+            *remarks_text(_guarantee(spread), "Bounds"),
+        ]
     if len(spread.drawn):
         share = 100 * spread.solved[solved].min() if solved.any() else 0.0
         many = "all" if share == 100 else f"{share:.0f} % or more"
@@ -49,9 +51,10 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
             f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each"
             " speed."
         )
-    differences = checked["differences"] if checked else []
-    head = "Steady states that are not the periodic motions searched"
-    return parts + remarks_text(differences, head)
+    return parts + remarks_text(
+        checked["differences"] if checked else [],
+        "Steady states that are not the periodic motions searched",
+    )
 
 
 def _answered_quantities(spread: Spread) -> np.ndarray:
@@ -135,18 +138,19 @@ def _worst_table(spread: Spread) -> Table:
                 f"{new / old:.2f}" if old else NONE,
             ]
         )
-    heads = [
-        "quantity, worst over the speeds",
-        "as it is",
-        "at rpm",
-        "worst case",
-        "at rpm",
-        "ratio",
-    ]
-    title = (
-        "Worst case over the tolerances (half peak-to-peak unless called peak or order)"
+    return Table(
+        "Worst case over the tolerances (half peak-to-peak unless called peak or"
+        " order)",
+        [
+            "quantity, worst over the speeds",
+            "as it is",
+            "at rpm",
+            "worst case",
+            "at rpm",
+            "ratio",
+        ],
+        rows,
     )
-    return Table(title, heads, rows)
 
 
 def _over_speeds(spread: Spread, j: int, checked: Mapping[str, Any] | None) -> Table:
@@ -204,11 +208,12 @@ def _moving(spread: Spread) -> Table:
         if len(spread.drawn) >= 3 * len(spread.tolerances)
         else "by its derivative"
     )
-    title = (
+    return Table(
         "What moves them: change of the response over half the range of a number,"
-        f" {method}, %"
+        f" {method}, %",
+        ["quantity", "at rpm", Column("number", left=True), "%"],
+        rows,
     )
-    return Table(title, ["quantity", "at rpm", Column("number", left=True), "%"], rows)
 
 
 def _places(spread: Spread) -> Table:

@@ -182,14 +182,14 @@ def tuned_parts(
         ),
         *_not_solved(rpm, result),
     ]
-    title = (
-        "Quantities (forces, torques and angles: half peak-to-peak unless called peak"
-        " or order)"
-    )
     # Quantities of rules: their table says that it is no approval.
     judged = any(
         re.match("stress|.* over limit$", chosen.quantity)
         for chosen, *_ in _readings(settings, result)
+    )
+    title = (
+        "Quantities (forces, torques and angles: half peak-to-peak unless called peak"
+        " or order)"
     )
     quantities = Table(f"{title} ({AID})" if judged else title, _HEADS, rows)
     parts = ["\n".join(head), _parameter_table(train, settings, result), quantities]
@@ -197,8 +197,11 @@ def tuned_parts(
         parts.append(_between_table(settings, result))
     if result.robust:
         parts.append(_robust_table(settings, result))
-    if result.followed:
-        parts.append(_followed_text(result.followed))
+    parts += remarks_text(
+        result.followed,
+        "Where a limit was exceeded the tuning went on at the critical speeds, which"
+        " follow each design",
+    )
     if result.checked:
         parts += _peaks_between(settings, rpm, result)
     return parts + _limits_exceeded(settings, rpm, result)
@@ -298,15 +301,6 @@ def _between_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     )
 
 
-def _followed_text(followed: Iterable[str]) -> str:
-    """Limits that were exceeded on the way, after which the tuning went on."""
-    head = (
-        "Where a limit was exceeded the tuning went on at the critical speeds, which"
-        " follow each design"
-    )
-    return "".join(remarks_text(followed, head))
-
-
 def _robust_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     """The scene, the nominal and the robust design over the tolerances, at their worst
     speeds.
@@ -374,11 +368,13 @@ def _limits_exceeded(
     lets through, in a list.
     """
     exceeded = []
+    limited = False
     checked = result.checked.get("after")
     for chosen, name, _, after in _readings(settings, result):
         value, speed = _worst(rpm, after, chosen)
         most = most_of(chosen)
         least = getattr(chosen, "least", None)
+        limited |= most is not None
         if checked and most is not None and name in checked.readings:
             value, speed = checked.worst(name)
         above = most is not None and value > most + EXCESS * abs(most)
@@ -391,9 +387,6 @@ def _limits_exceeded(
             )
     if exceeded:
         return [f"NOT within its limits: {'; '.join(exceeded)}."]
-    limited = any(
-        most_of(chosen) is not None for chosen, *_ in _readings(settings, result)
-    )
     return ["Within its limits, between the speeds too."] if checked and limited else []
 
 
@@ -498,9 +491,10 @@ def difference(
     if not kind and not apart:
         return ""
     about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
-    motion = kind or "is in another motion"
-    colon = ": " if apart else ""
-    return f"at {state.rpm:g} rpm {motion}{colon}{', '.join(apart)}{about}."
+    return (
+        f"at {state.rpm:g} rpm {kind or 'is in another motion'}"
+        f"{': ' * bool(apart)}{', '.join(apart)}{about}."
+    )
 
 
 def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
@@ -510,10 +504,8 @@ def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
     differences = [
         sentence for design in designs.values() for sentence in design["differences"]
     ]
-    if not differences:
-        return (
-            "Both designs do at all speeds what was tuned: their steady states are the"
-            " periodic motions tuned."
-        )
     head = "Steady states that are not the periodic motions tuned"
-    return "".join(remarks_text(differences, head))
+    return "".join(remarks_text(differences, head)) or (
+        "Both designs do at all speeds what was tuned: their steady states are the"
+        " periodic motions tuned."
+    )
