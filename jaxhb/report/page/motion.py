@@ -41,8 +41,7 @@ def motions(report: Report) -> list[Block]:
         blocks.append(over_speed(quantity, [""], cases, caption))
     if len(report.cases) > 2:
         blocks.append(_misfires(report))
-    for case in cases:
-        blocks.append(speed_table(case.answers, f"Speed by speed, {case.title}"))
+    blocks += [speed_table(c.answers, f"Speed by speed, {c.title}") for c in cases]
     for case in cases:
         blocks += turning_table(case.answers, f", {case.title}")
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
@@ -62,9 +61,11 @@ def _misfires(report: Report) -> Table:
             else [np.nan, NONE, NONE]
         )
         rows.append([case.title, *cells])
-    title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
-    number = Column(quantity.unit, "number")
-    return Table(title, ["", number, "at rpm", "in"], rows)
+    return Table(
+        f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}",
+        ["", Column(quantity.unit, "number"), "at rpm", "in"],
+        rows,
+    )
 
 
 def forces_over_speed(report: Report) -> list[Block]:
@@ -124,8 +125,9 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     marked = any(isinstance(cell, Doubtful) for row in rows for cell in row)
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
-    title = f"{quantity.title} over the speeds, {quantity.unit}{remark}"
-    return Table(title, columns, rows)
+    return Table(
+        f"{quantity.title} over the speeds, {quantity.unit}{remark}", columns, rows
+    )
 
 
 def _largest(
@@ -164,11 +166,10 @@ def one_speed(report: Report) -> list[Block]:
     """
     answers = {case.title: case.answers[report.place] for case in report.shown}
     first = report.cases[0].answers[report.place]
-    why = (
-        f"the speed of the largest {quantities.main_quantity(report.train).called} with"
-        f" {report.cases[0].title}"
-    )
-    why = "as asked for" if report.asked else why
+    why = "as asked for"
+    if not report.asked:
+        called = quantities.main_quantity(report.train).called
+        why = f"the speed of the largest {called} with {report.cases[0].title}"
     subject, subject_meshes = subject_of(first, report.gear)
     meshes = (
         list(
@@ -220,8 +221,8 @@ def second_design(report: Report) -> list[Block]:
     )
     if shares is None:
         return blocks
-    sentences = judged(report.seconds, SECOND_LIMITS)
-    return [*blocks, Heading("Limits of both designs"), *sentences, shares]
+    heading = Heading("Limits of both designs")
+    return [*blocks, heading, *judged(report.seconds, SECOND_LIMITS), shares]
 
 
 def _beside(cases: Sequence[Case], most: int) -> list[Block]:

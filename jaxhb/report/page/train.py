@@ -81,21 +81,21 @@ def _meshes(train: DriveTrain) -> Table | None:
                 topology.mesh_damping_law[i],
             ]
         )
-    heads = [
-        "mesh",
-        "kind",
-        "radii mm",
-        "teeth",
-        "backlash mm",
-        "epsilon",
-        "transition",
-        "damping law",
-    ]
-    title = (
+    return table(
         "Meshes: epsilon is the stiffness in the gap over that in contact, transition"
-        " its width over the backlash"
+        " its width over the backlash",
+        rows,
+        [
+            "mesh",
+            "kind",
+            "radii mm",
+            "teeth",
+            "backlash mm",
+            "epsilon",
+            "transition",
+            "damping law",
+        ],
     )
-    return table(title, rows, heads)
 
 
 def excitation_tables(report: Report) -> list[Table]:
@@ -321,12 +321,12 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
     if report.train.topology.load_names:
         loads = [plain_number(float(answer.balance.load_kW)) for answer in answers]
         table_rows.append(["power of the loads, kW", NONE, *loads])
-    title = (
+    return Table(
         "Mean torques over the speed, N m on the disk's own shaft (positive: drives),"
-        " of cylinders alike the first"
+        " of cylinders alike the first",
+        ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)],
+        table_rows,
     )
-    heads = ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)]
-    return Table(title, heads, table_rows)
 
 
 def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
