@@ -6,6 +6,7 @@ drawn hollow. ``mesh`` is by default the one with the largest tooth force; a tra
 without meshes is refused with a ValueError.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,7 @@ from jaxhb.report.figures.figure import (
     MOTIONS,
     WITH,
     WITHOUT,
+    Axis,
     bars,
     crosses,
     figure,
@@ -67,9 +69,8 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     ]
     caption = f"{plain(mesh)}: largest tooth force and the kind of motion"
     caption += "; numbers: periods in cycles" * bool(notes)
-    made = over_speed(
-        quantity, [mesh], cases, caption, more=more, height=300, annotations=notes
-    )
+    made = over_speed(quantity, [mesh], cases, caption, more=more)
+    made = replace(made, height=300, notes=notes)
     return drawn(made, title=sweeps[0][0].topology.title)
 
 
@@ -92,13 +93,11 @@ def plot_cycle_peaks(*sweeps, mesh=None):
         traces += kind_marks(
             case.answers, points, case.title, hollow=number > 0, size=8 if number else 5
         )
-    panels, axis = [("tooth force, kN", top_of(traces))], speed_range(sweeps[0].rpm)
     made = figure(
         f"{plain(mesh)}: peak of each cycle",
-        "speed, rpm",
-        panels,
+        Axis("speed, rpm", speed_range(sweeps[0].rpm)),
+        [Axis("tooth force, kN", top_of(traces))],
         traces,
-        x_range=axis,
         height=300,
     )
     return drawn(made, title=sweeps[0][0].topology.title)
@@ -177,8 +176,14 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
         f"{plain(mesh)}: orders of the tooth force",
         "order, per revolution of the reference rotor",
     )
-    more = {"x_range": (0.0, 1.02 * highest), "height": 420, "annotations": [scaled]}
-    made = figure(caption, title, [("speed, rpm", None)], traces, **more)
+    made = figure(
+        caption,
+        Axis(title, (0.0, 1.02 * highest)),
+        [Axis("speed, rpm")],
+        traces,
+        height=420,
+        notes=[scaled],
+    )
     return drawn(made, title=sweep[0].topology.title)
 
 
@@ -257,10 +262,7 @@ def plot_branch(branch, mesh=None):
     topology, moduli = branch.train.topology, np.abs(branch.multiplier)
     mesh = mesh or topology.mesh_names[int(np.argmax(branch.largest_force.max(axis=0)))]
     traces = branch_traces(branch, mesh)
-    panels = [
-        ("largest tooth force, kN", top_of(traces)),
-        ("modulus of the multiplier", None),
-    ]
+    force_axis = Axis("largest tooth force, kN", top_of(traces))
     traces.append(
         line(
             branch.value,
@@ -271,7 +273,7 @@ def plot_branch(branch, mesh=None):
             look={"dash": "solid", "width": 0.9},
         )
     )
-    points, scale = _moduli(branch.value, moduli, branch.stable, panel=1)
+    points, modulus_axis = _moduli(branch.value, moduli, branch.stable, panel=1)
     unit = (
         "rpm"
         if branch.parameter == "rpm"
@@ -280,12 +282,11 @@ def plot_branch(branch, mesh=None):
     title = f"{branch.parameter.replace('rpm', 'speed')}, {unit}".removesuffix(", ")
     made = figure(
         f"{plain(mesh)}: a branch and its folds",
-        title,
-        panels,
+        Axis(title),
+        [force_axis, modulus_axis],
         traces + points,
         height=210,
     )
-    made.layout["yaxis2"] |= scale
     return drawn(made, title=topology.title)
 
 
@@ -313,7 +314,7 @@ def plot_multipliers(rpm, stabilities):
     speeds, largest = (
         np.array([(speed, found.largest) for speed, found in asked]).reshape(-1, 2).T
     )
-    points, scale = _moduli(
+    points, modulus_axis = _moduli(
         speeds, largest, np.array([found.stable for _, found in asked], dtype=bool)
     )
     traces += points
@@ -332,11 +333,8 @@ def plot_multipliers(rpm, stabilities):
         LOWEST,
     )
     caption = "Multipliers of the periodic motions: growth of a disturbance in a cycle"
-    panels = [("modulus of the multiplier", None)]
-    made = figure(
-        caption, "speed, rpm", panels, traces, x_range=speed_range(rpm), height=300
-    )
-    made.layout["yaxis"] |= scale
+    axis = Axis("speed, rpm", speed_range(rpm))
+    made = figure(caption, axis, [modulus_axis], traces, height=300)
     return drawn(made)
 
 
@@ -418,7 +416,4 @@ def _moduli(x, moduli, stable, panel=0):
         min(LOWEST, np.min(moduli, initial=1.0) / 2),
         max(3.0, 2 * np.max(moduli, initial=0.0)),
     )
-    return [limit, *points], {
-        "type": "log",
-        "range": [float(np.log10(end)) for end in ends],
-    }
+    return [limit, *points], Axis("modulus of the multiplier", ends, log=True)

@@ -239,7 +239,8 @@ def _worst(by_title: Mapping[str, cli.Computed]) -> dict[str, dict]:
 def _table(worst: Mapping[str, Mapping]) -> str:
     """The largest values of all modes, for people."""
     from jaxhb.report.quantities import shown_unit
-    from jaxhb.report.text.columns import from_rows, plain_number
+    from jaxhb.report.table import Column, Table
+    from jaxhb.report.text.columns import plain_number
 
     lines = []
     for key, row in worst.items():
@@ -255,5 +256,14 @@ def _table(worst: Mapping[str, Mapping]) -> str:
             ]
         )
     axis = list(row)[-1]
-    heads = ["", "value", "unit", f"at {axis}", "mode"]
-    return from_rows("Largest over all modes", heads, lines, left=(2, 4))
+    return Table(
+        "Largest over all modes",
+        [
+            "",
+            "value",
+            Column("unit", left=True),
+            f"at {axis}",
+            Column("mode", left=True),
+        ],
+        lines,
+    )

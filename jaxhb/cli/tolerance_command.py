@@ -24,7 +24,8 @@ from jaxhb.report.files.compared import of_worst
 from jaxhb.report.files.formats import deliver
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
-from jaxhb.report.text.columns import from_rows, plain_number
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.tolerances import (
     tolerance_parts,
     tolerance_record,
@@ -172,18 +173,18 @@ def _phase_text(train: DriveTrain, worst: WorstPhase) -> str:
             ]
         )
     angle = float(train.value(f"{worst.name}.angle"))
-    heads = [
-        "",
-        "at rpm",
-        f"at {angle:g} deg",
-        "worst",
-        "at deg",
-        "best",
-        "at deg",
-        "unit",
-    ]
-    title = (
+    return Table(
         f"{train_name(train.topology)}: phase {worst.name}, turned through"
-        f" {worst.circle:g} deg of its rotor, {len(worst.rpm)} speeds"
+        f" {worst.circle:g} deg of its rotor, {len(worst.rpm)} speeds",
+        [
+            "",
+            "at rpm",
+            f"at {angle:g} deg",
+            "worst",
+            "at deg",
+            "best",
+            "at deg",
+            Column("unit", left=True),
+        ],
+        rows,
     )
-    return from_rows(title, heads, rows, left=(7,))

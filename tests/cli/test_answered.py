@@ -146,7 +146,7 @@ def test_a_number_that_harmonic_balance_did_not_confirm_has_a_question_mark(
     table = speed_table([solved, unsure])
     cells = table.columns[table.heads.index("with kN")]
     assert [cell.endswith("?") for cell in cells] == [False, True]
-    assert table.title == "?: not confirmed"
+    assert table.caption == "?: not confirmed"
 
 
 def test_notes_of_a_report_do_not_repeat_a_speed_that_two_cases_have(unsure):

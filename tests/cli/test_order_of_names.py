@@ -2,6 +2,7 @@
 read the same of both.
 """
 
+import dataclasses
 import json
 import re
 
@@ -159,7 +160,7 @@ def test_what_people_read_does_not_depend_on_which_end_of_a_link_is_named_first(
     for path in scenes[train]:
         completed = run(f"{word} {path} {options}", *files)
         outputs.append(completed.out)  # errors tell how long it takes
-        figures.append(json.dumps([vars(figure) for figure in drawn]))
+        figures.append(json.dumps([dataclasses.asdict(figure) for figure in drawn]))
         if file == "html":
             pages.append(completed.path("html").read_text(encoding="utf-8"))
         drawn.clear()

@@ -11,7 +11,7 @@ from reference_data import text_of
 
 from jaxhb.report.answer import Answer
 from jaxhb.report.figures.figure import Figure
-from jaxhb.report.text.columns import Table
+from jaxhb.report.table import Table
 from jaxhb.results.status import Status
 
 SCENE = text_of("two_cylinders.toml")

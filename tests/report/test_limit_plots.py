@@ -92,9 +92,9 @@ def test_the_picture_has_loads_beside_their_limits_and_shades_barred_ranges(
     )
     assert_line(stress, "continuous limit", 1e-6 * limits[0])
     assert_line(stress, "transient limit", 1e-6 * limits[1])
-    (shaded,) = stress.layout["shapes"]
+    (shaded,) = stress.bands
     (barred,) = strength.barred["line shaft"]
-    assert (shaded["x0"], shaded["x1"]) == (barred.low, barred.high)
+    assert (shaded.low, shaded.high) == (barred.low, barred.high)
     # Thousands of N m are given in kN m, in the caption and in the title of the axis
     # too.
     assert_line(tooth, "vibratory torque", 1e-3 * torques.vibratory)
@@ -130,7 +130,7 @@ def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     expected = np.asarray(strength.stresses["line shaft"].stress)
     assert_line(figures[2], "stress", 1e-6 * expected)
     assert len(figures) == 5
-    assert figures[2].layout["shapes"]
+    assert figures[2].bands
 
 
 @pytest.mark.slow

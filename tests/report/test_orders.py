@@ -46,7 +46,7 @@ def test_tables_and_pictures_of_the_linear_train_name_the_rotor(train, monkeypat
     text = campbell_text(diagram, 2, "plant", {}, names)
     assert "Orders: 0.8 (4 of propeller), 1, 3." in text
     figure = campbell_figure(diagram, 2, "plant", names)
-    notes = [note["text"] for note in figure.layout["annotations"]]
+    notes = [note["text"] for note in figure.notes]
     assert "0.8 (4 of propeller)" in notes
     response = jaxhb.forced_response(train, rpm=rpm)
     shaft = readings(response, ["wheel|propeller"])

@@ -26,12 +26,13 @@ from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
+from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.judgement import shares_of
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
-from jaxhb.report.text.columns import Table
+from jaxhb.report.table import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status
 
@@ -149,7 +150,7 @@ def test_irregularity_of_disks_is_in_per_cent_in_all_tables(report, parts):
     at_one_speed = next(
         table
         for table in tables(parts["One speed in full"])
-        if "irregularity" in table.title
+        if "irregularity" in table.caption
     )
     assert over.heads[1] == "Kurbel"
     assert over.groups[0] == ("irregularity, %", 1, 1)
@@ -213,7 +214,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(report, parts
     heat = next(
         table
         for table in tables(parts["Second design"])
-        if table.title.startswith("Heat of dampers")
+        if table.caption.startswith("Heat of dampers")
     )
     largest = max(answer.power("Dämpfer") for answer in report.seconds[0].answers)
     assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
@@ -336,7 +337,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     values = after.traces[0]["y"]
     assert values[1] is None
     assert values[::2] == before.traces[0]["y"][::2]
-    assert after.layout["yaxis"]["range"][1] <= before.layout["yaxis"]["range"][1]
+    assert after.panels[0].limits <= before.panels[0].limits
     (crosses,) = [trace for trace in after.traces if trace["name"] == NO_ANSWER]
     assert crosses["x"] == [3000.0]
     assert crosses["y"] == [0.0]
@@ -354,7 +355,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     assert float(cell) == pytest.approx(max(linear_forces) / 1e3, rel=1e-3)
     doubted = [cell.endswith("?") for cell in row.columns[row.heads.index("with kN")]]
     assert doubted == [False, True, False]
-    assert row.title.endswith("?: not converged")
+    assert row.caption.endswith("?: not converged")
 
 
 @pytest.mark.slow
@@ -446,7 +447,7 @@ def test_heads_of_groups_stand_above_their_columns(page_file):
 def test_plotly_knows_every_key_of_every_figure(parts):
     graph_objects = pytest.importorskip("plotly.graph_objects")
     for figure in figures(parts):
-        graph_objects.Figure({"data": figure.traces, "layout": figure.layout})
+        graph_objects.Figure({"data": figure.traces, "layout": layout_of(figure)})
 
 
 @pytest.mark.slow

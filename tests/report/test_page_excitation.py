@@ -39,7 +39,7 @@ def tables_of(scene, speeds, settings=None):
     )
     tables = {}
     for table in excitation_tables(report):
-        title = re.split(" of |[:,] | given | over ", table.title)[0]
+        title = re.split(" of |[:,] | given | over ", table.caption)[0]
         tables.setdefault(title, []).append(table)
     orders = {"Orders": tables["Orders"]} if "Orders" in tables else {}
     return {title: alike[0] for title, alike in tables.items()} | orders
@@ -101,7 +101,7 @@ def test_a_cylinder_whose_gas_differs_has_numbers_and_rows_of_its_own():
 
 def test_orders_of_torques_with_the_same_amplitudes_stand_in_one_table():
     valves, pump, gas = tables_of("gear_train_30", [1200.0])["Orders"]
-    assert valves.title.startswith("Orders of 10 torques with the same amplitudes: ")
+    assert valves.caption.startswith("Orders of 10 torques with the same amplitudes: ")
     assert valves.heads[2:] == [
         f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)
     ]

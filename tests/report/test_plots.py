@@ -14,12 +14,14 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     DIGITS,
     MOTIONS,
+    Axis,
     above,
     bands,
     figure,
     line,
     marks,
 )
+from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.figures.speeds import (
     BESIDE,
     over_speed,
@@ -136,7 +138,7 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
     (bars,) = [
         trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"
     ]
-    beside = 1800.0 + BESIDE * np.ptp(figure.layout["xaxis"]["range"])
+    beside = 1800.0 + BESIDE * np.ptp(figure.x.limits)
     expected = [1800, 1800, None, 2000, 2000, None]
     expected += [beside, beside, None, beside + 200, beside + 200, None]
     np.testing.assert_allclose(
@@ -178,21 +180,17 @@ def specification():
         stepped,
         marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False),
     ]
-    picture = figure(
+    return figure(
         "What is drawn",
-        "angle",
-        [("first", (-4.0, 4.0)), ("second", None)],
+        Axis("angle", (0.0, 3.0), step=1.5),
+        [
+            Axis("first", (-4.0, 4.0), ticks={-4: "low", 4: "very<br>high"}),
+            Axis("second"),
+        ],
         traces,
-        x_range=(0.0, 3.0),
-        shapes=[*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)],
-        annotations=[above("name", 1)],
+        bands=[*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)],
+        notes=[above("name", 1)],
     )
-    picture.layout["xaxis"] |= {"dtick": 1.5}
-    picture.layout["yaxis"] |= {
-        "tickvals": [-4, 4],
-        "ticktext": ["low", "very<br>high"],
-    }
-    return picture
 
 
 def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(
@@ -233,13 +231,8 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
 
 
 def test_figures_stand_one_below_the_other_each_with_its_axis_and_legend(specification):
-    axis = specification.layout["xaxis"] | {
-        "title": {"text": "force"},
-        "range": [0.0, 9.0],
-    }
-    second = dataclasses.replace(
-        specification, caption="Other", layout=specification.layout | {"xaxis": axis}
-    )
+    axis = dataclasses.replace(specification.x, title="force", limits=(0.0, 9.0))
+    second = dataclasses.replace(specification, caption="Other", x=axis)
     axes = drawn(specification, second).axes
     assert [(panel.get_xlabel(), panel.get_xlim()[1]) for panel in axes] == [
         ("", 3),
@@ -260,15 +253,17 @@ def test_thousands_are_shown_in_the_next_larger_unit_panel_by_panel():
     ]
     rescaled = figure(
         "two panels, N m",
-        "rpm",
-        [("torque, N m", (0.0, 13000.0)), ("heat, W", None)],
+        Axis("rpm"),
+        [Axis("torque, N m", (0.0, 13000.0)), Axis("heat, W")],
         traces,
     )
-    titles = [rescaled.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    titles = [axis.title for axis in rescaled.panels]
     assert titles == ["torque, kN m", "heat, W"]
-    assert rescaled.layout["yaxis"]["range"] == [0.0, 13.0]
+    assert rescaled.panels[0].limits == (0.0, 13.0)
     assert [trace["y"] for trace in rescaled.traces] == [[12.0, -0.003], [900.0, None]]
-    single = figure("the panel, N m; grey: barred", "rpm", "torque, N m", traces[:1])
+    single = figure(
+        "the panel, N m; grey: barred", Axis("rpm"), "torque, N m", traces[:1]
+    )
     assert single.caption == "the panel, kN m; grey: barred"
     # The traces themselves stay as they are.
     assert traces[0]["y"] == [12000.0, -3.0]
@@ -280,13 +275,19 @@ def test_tiny_numbers_have_a_smaller_unit_so_that_an_axis_shows_more_than_zeros(
         line([0.0, 1.0], [2e-8, 0.0], "angle", panel=1),
     )
     rescaled = figure(
-        "two panels", "rpm", [("force, kN", (0.0, 1e-8)), ("angle, deg", None)], tiny
+        "two panels",
+        Axis("rpm"),
+        [Axis("force, kN", (0.0, 1e-8)), Axis("angle, deg")],
+        tiny,
     )
-    titles = [rescaled.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    titles = [axis.title for axis in rescaled.panels]
     assert titles == ["force, 1e-6 N", "angle, 1e-9 deg"]
     assert [trace["y"] for trace in rescaled.traces] == [[8.7, 3.0], [20.0, 0.0]]
-    assert rescaled.layout["yaxis"]["range"] == pytest.approx([0.0, 10.0])
-    assert figure("a - b, kN", "rpm", "force, kN", tiny[:1]).caption == "a - b, 1e-6 N"
+    assert rescaled.panels[0].limits == pytest.approx([0.0, 10.0])
+    assert (
+        figure("a - b, kN", Axis("rpm"), "force, kN", tiny[:1]).caption
+        == "a - b, 1e-6 N"
+    )
     picture = drawn(rescaled)
     picture.canvas.draw()
     for axes in picture.axes:
@@ -298,7 +299,7 @@ def test_numbers_of_one_speed_are_marked_and_differ_without_colour():
     names = ("half peak-to-peak", "limit", "sum of amplitudes")
     single = figure(
         "",
-        "rpm",
+        Axis("rpm"),
         "torque, N m",
         [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)],
     )
@@ -316,13 +317,14 @@ def test_numbers_of_one_speed_are_marked_and_differ_without_colour():
 
 def test_a_title_longer_than_its_panel_is_high_stands_in_rows_beside_the_numbers():
     titled = figure(
-        "", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")]
+        "", Axis("rpm"), "stress over continuous limit", [line([0.0], [1.0], "a")]
     )
-    title = titled.layout["yaxis"]["title"]
-    plainer = figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
+    plainer = figure("", Axis("rpm"), "stress, MPa", [line([0.0], [1.0], "a")])
+    layouts = [layout_of(each) for each in (titled, plainer)]
+    title = layouts[0]["yaxis"]["title"]
     assert title["text"] == "stress over continuous<br>limit"
     assert title["standoff"] > 0
-    assert titled.layout["margin"]["l"] > plainer.layout["margin"]["l"]
+    assert layouts[0]["margin"]["l"] > layouts[1]["margin"]["l"]
     assert drawn(titled).axes[0].get_ylabel() == "stress over continuous\nlimit"
 
 
@@ -339,7 +341,7 @@ def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revoluti
     train = jaxhb.build(parts, revolutions_per_cycle=revolutions)
     linear = jaxhb.linear_response(train, rpm=100.0)
     answer = Answer(train, orbit_state(linear), linear, orbit=True)
-    assert cycle_figure(answer, "a|b", (), "").layout["xaxis"]["dtick"] == step
+    assert cycle_figure(answer, "a|b", (), "").x.step == step
 
 
 def test_the_middle_of_the_sample_is_called_its_median():
@@ -359,4 +361,4 @@ def test_the_middle_of_the_sample_is_called_its_median():
         trace for trace in picture.traces if trace["name"] == "median of the sample"
     ]
     assert median["y"] == [50.0, 50.0]
-    assert picture.layout["yaxis"]["title"]["text"] == "shaft torque, N m"
+    assert picture.panels[0].title == "shaft torque, N m"

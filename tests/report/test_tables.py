@@ -18,9 +18,9 @@ from jaxhb.report.figures.figure import DIGITS, numbers
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.numbers import answer_record, answer_row
 from jaxhb.report.files.output import as_bytes
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.columns import (
-    aligned,
     alike,
     fixed,
     hit,
@@ -54,11 +54,8 @@ def test_nothing_is_divided_by_zero():
 
 
 def test_columns_line_up_under_their_groups():
-    lines = aligned(
-        ["gear", "with", "without"],
-        [["a", "long"], ["1", "2"], ["3", "4"]],
-        [("both", 1, 2)],
-    ).splitlines()
+    columns = ["gear", Column("with", group="both"), Column("without", group="both")]
+    lines = Table("", columns, [("a", 1, 3), ("long", 2, 4)]).splitlines()
     assert lines == [
         "        ---- both ---",
         "  gear  with  without",

@@ -18,8 +18,8 @@ from jaxhb.report.page.judgement import limits, result
 from jaxhb.report.page.linear import campbell as campbell_part, forced as forced_part
 from jaxhb.report.page.parts import Report
 from jaxhb.report.selection import case_title
+from jaxhb.report.table import Table
 from jaxhb.report.text.cases import misfires_text, worst_misfire, worst_misfires
-from jaxhb.report.text.columns import Table
 
 SPEEDS = [80.0, 85.0, 120.0]
 SHAFT = "intermediate"

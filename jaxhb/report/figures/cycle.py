@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
+    Axis,
+    Band,
     Figure,
     Trace,
     above,
@@ -106,31 +109,25 @@ def cycle_figure(
         *((forces(answer.train), name) for name in meshes),
     ]
     curves = _record if answer.recorded else _period
-    remark, x_title, end, traces, shapes = curves(answer, rows)
-    panels = [(f"{quantity.called}, {quantity.unit}", None) for quantity, _ in rows]
-    spec = figure(
-        f"{caption}{remark}",
-        x_title,
-        panels,
-        traces,
-        annotations=[above(plain(name), panel) for panel, (_, name) in enumerate(rows)],
-        x_range=(0.0, end),
-        height=PANEL,
-        shapes=shapes,
-    )
-    # The legend stands beside the name of the first panel.
-    spec.layout["legend"] |= {"x": 1, "xanchor": "right"}
+    remark, x_title, end, traces, shaded = curves(answer, rows)
+    angles = Axis(x_title, (0.0, end))
     if not answer.recorded and end > answer.cycle_deg:
         cycles = math.ceil(end / answer.cycle_deg / MOST_TICKS)
-        spec.layout["xaxis"] |= {
-            "dtick": answer.cycle_deg * cycles,
-            "gridcolor": "black",
-        }
+        angles = replace(angles, step=answer.cycle_deg * cycles, grid="black")
     elif not answer.recorded and answer.cycle_deg % 90 == 0:
-        spec.layout["xaxis"] |= {
-            "dtick": next(step for step in _quarters() if end <= MOST_TICKS * step)
-        }
-    return spec
+        step = next(step for step in _quarters() if end <= MOST_TICKS * step)
+        angles = replace(angles, step=step)
+    spec = figure(
+        f"{caption}{remark}",
+        angles,
+        [Axis(f"{quantity.called}, {quantity.unit}") for quantity, _ in rows],
+        traces,
+        height=PANEL,
+        bands=shaded,
+        notes=[above(plain(name), panel) for panel, (_, name) in enumerate(rows)],
+    )
+    # The legend stands beside the name of the first panel.
+    return replace(spec, legend="right")
 
 
 def _quarters() -> Iterator[int]:
@@ -140,8 +137,8 @@ def _quarters() -> Iterator[int]:
     return (90 * 2**k for k in itertools.count())
 
 
-Curves = tuple[str, str, float, list[Trace], Sequence[dict[str, Any]]]
-"""Remark in the caption, title and end of the axis, traces and shapes."""
+Curves = tuple[str, str, float, list[Trace], Sequence[Band]]
+"""Remark in the caption, title and end of the axis, traces and bands."""
 
 
 def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
@@ -150,7 +147,7 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
     """
     backlash = any(answer.topology.mesh_backlash)
     traces = []
-    shapes = []
+    shaded: list[Band] = []
     without = answer.without_backlash
     # A motion that never repeats has no samples, one that is not known nothing at all.
     compared = (backlash or not answer.known) and without.known and not without.recorded
@@ -160,10 +157,8 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
     end = answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         for motion, style in motions:
-            if style:
-                words = "without backlash"
-            else:
-                words = "with backlash" if backlash else plain(name)
+            words = "with backlash" if backlash else plain(name)
+            words = "without backlash" if style else words
             signal = quantity.signal_for_people(answer, motion, name)
             values = quantity.factor * _repeated(motion, signal, periods)[::step]
             # Equal steps: a start and a step in place of all angles keep the page
@@ -195,7 +190,7 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
             steps = np.flatnonzero(
                 np.diff(np.pad(np.any(apart, axis=0).astype(int), 1))
             )
-            shapes += bands(steps.reshape(-1, 2) * answer.cycle_deg / SAMPLES, panel)
+            shaded += bands(steps.reshape(-1, 2) * answer.cycle_deg / SAMPLES, panel)
     zero = (
         " (0: firing top dead centre of a cylinder with firing angle 0)"
         if answer.topology.cylinder_names
@@ -203,8 +198,8 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
     )
     remark = " over the period"
     remark += ", without backlash alone" if compared and not answer.known else ""
-    remark += "; grey: its teeth are apart" if shapes else ""
-    return remark, f"angle of the reference rotor, deg{zero}", end, traces, shapes
+    remark += "; grey: its teeth are apart" if shaded else ""
+    return remark, f"angle of the reference rotor, deg{zero}", end, traces, shaded
 
 
 def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
@@ -219,28 +214,21 @@ def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
         count = len(after.highest)
         cycles = np.arange(1, count + 1)
         in_legend = not panel
-        traces.append(
+        traces += [
             marks(
                 cycles,
-                factor * after.highest,
-                "largest of a cycle",
-                "triangle-up",
+                factor * values,
+                f"{which} of a cycle",
+                symbol,
                 size=5,
                 panel=panel,
                 showlegend=in_legend,
             )
-        )
-        traces.append(
-            marks(
-                cycles,
-                factor * after.lowest,
-                "smallest of a cycle",
-                "triangle-down-open",
-                size=5,
-                panel=panel,
-                showlegend=in_legend,
+            for values, which, symbol in (
+                (after.highest, "largest", "triangle-up"),
+                (after.lowest, "smallest", "triangle-down-open"),
             )
-        )
+        ]
         percentiles = f"{', '.join(map(str, PERCENT))} % of the cycles"
         levels: Sequence[tuple[str, Sequence[float] | np.ndarray, float]] = (
             (percentiles, np.ravel([after.per_cycle.max, after.per_cycle.min]), 0.8),
@@ -293,8 +281,8 @@ def _peaks(answer: Answer, names: Sequence[str]) -> Figure:
         )
     return figure(
         "Cycles whose largest tooth force stays below a value",
-        f"largest tooth force of a cycle, {quantity.unit}",
-        [("cycles below it, %", (0.0, 103.0))],
+        Axis(f"largest tooth force of a cycle, {quantity.unit}"),
+        [Axis("cycles below it, %", (0.0, 103.0))],
         traces,
     )
 
@@ -308,7 +296,7 @@ def plot_tuning(objectives: Sequence[Objective], result: Tuning) -> Picture:
     sharpened.
     """
     figures = []
-    axis = speed_range(result.rpm)
+    axis = Axis("speed, rpm", speed_range(result.rpm))
     for objective in objectives:
         name = label(objective)
         (factor, unit) = scaled_unit(objective.quantity)
@@ -322,7 +310,7 @@ def plot_tuning(objectives: Sequence[Objective], result: Tuning) -> Picture:
             traces.append(line(rpm, values, when, style, mode="lines+markers"))
         y_title = f"{objective.quantity}, {unit}".removesuffix(", ")
         traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
-        figures.append(figure(plain(name), "speed, rpm", y_title, traces, x_range=axis))
+        figures.append(figure(plain(name), axis, y_title, traces))
     numbers = [step.number for step in result.history]
     values = [step.objective for step in result.history]
     traces = [line(numbers, values, "objective", 1, mode="lines+markers")]
@@ -345,8 +333,8 @@ def plot_tuning(objectives: Sequence[Objective], result: Tuning) -> Picture:
     figures.append(
         figure(
             "History of the tuning: the objective, 1 at the start",
-            "step",
-            [("objective", (low, high))],
+            Axis("step"),
+            [Axis("objective", (low, high))],
             traces,
         )
     )

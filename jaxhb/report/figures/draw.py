@@ -5,13 +5,23 @@ import than many commands take; without pyplot.
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from jaxhb.report.figures.figure import Figure, Trace, legend_columns
+from jaxhb.report.figures.figure import (
+    BAND,
+    EDGE,
+    ZERO,
+    Axis,
+    Figure,
+    Trace,
+    legend_columns,
+    numbered,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,33 +69,19 @@ def drawn(*figures: Figure, title: str = "") -> Picture:
     """Draw specifications one below the other by matplotlib, with axes for every panel
     from the top.
     """
-    height = sum(figure.layout["height"] for figure in figures)
+    height = sum(figure.pixels for figure in figures)
     picture = empty(9.0, height / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
-    panels = [
-        (figure, name)
+    # A panel has its share of the edge beside the panels, too.
+    ratios = [
+        figure.height * (1 + EDGE / figure.inside)
         for figure in figures
-        for name in figure.layout
-        if name.startswith("yaxis")
+        for _ in figure.panels
     ]
-    # A panel takes its share of what is between the margins.
-    height_ratios = []
-    for figure, name in panels:
-        margin = figure.layout["margin"]
-        inside = figure.layout["height"] - margin["t"] - margin["b"]
-        height_ratios.append(np.ptp(figure.layout[name]["domain"]) * inside)
-    subplots = iter(
-        picture.subplots(
-            len(height_ratios), 1, squeeze=False, height_ratios=height_ratios
-        )[:, 0]
-    )
+    subplots = picture.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)
+    rest = iter(subplots[:, 0])
     for figure in figures:
-        axes_by_name = {
-            name.replace("axis", ""): next(subplots)
-            for owner, name in panels
-            if owner is figure
-        }
-        _draw(figure, axes_by_name)
+        _draw(figure, list(itertools.islice(rest, len(figure.panels))))
     return picture
 
 
@@ -93,64 +89,58 @@ def _wrapped(text: str) -> str:
     return "\n".join(textwrap.fill(line, LETTERS) for line in text.split("\n"))
 
 
-def _draw(figure: Figure, panels: Mapping[str, Axes]) -> None:
-    """Draw everything of one figure, in axes by their names."""
-    x = figure.layout["xaxis"]
-    top = next(iter(panels.values()))
-    _draw_axis(top, "x", x)
-    for name, axes in panels.items():
-        if axes is not top:
-            axes.sharex(top)
+def _draw(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Draw everything of one figure in the axes of its panels."""
+    by_name = {numbered("y", panel): axes for panel, axes in enumerate(panels)}
+    _draw_axis(panels[0], "x", figure.x)
+    for axes, title in zip(panels, figure.titles("\n"), strict=True):
+        if axes is not panels[0]:
+            axes.sharex(panels[0])
         axes.tick_params(
-            "x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0)
+            "x",
+            labelbottom=axes is panels[-1],
+            labelrotation=90 if figure.x.ticks else 0,
         )
-        title = figure.layout[name.replace("y", "yaxis")]["title"]["text"]
-        axes.set_ylabel(title.replace("<br>", "\n"))
-    panels[x["anchor"]].set_xlabel(x["title"]["text"])
+        axes.set_ylabel(title)
+    panels[-1].set_xlabel(figure.x.title)
     for trace in figure.traces:
-        _draw_trace(panels[trace["yaxis"]], trace)
-    for shape in figure.layout["shapes"]:
-        name = shape["yref"].removesuffix(" domain")
-        for axes in panels.values() if name == "paper" else [panels[name]]:
-            axes.axvspan(
-                shape["x0"],
-                shape["x1"],
-                color=shape["fillcolor"],
-                linewidth=0,
-                zorder=0,
-            )
-    for name, axes in panels.items():
-        axis = figure.layout[name.replace("y", "yaxis")]
+        _draw_trace(by_name[trace["yaxis"]], trace)
+    for band in figure.bands:
+        for axes in panels if band.panel is None else [panels[band.panel]]:
+            axes.axvspan(band.low, band.high, color=BAND, linewidth=0, zorder=0)
+    for axis, axes in zip(figure.panels, panels, strict=True):
         _draw_axis(axes, "y", axis)
-        axes.grid(axis="x", color=x["gridcolor"], linewidth=0.6)
+        axes.grid(axis="x", color=figure.x.grid, linewidth=0.6)
         low, high = axes.get_ylim()
         if low < 0 < high:
-            axes.axhline(0.0, color=axis["zerolinecolor"], linewidth=0.8, zorder=0.6)
-    for note in figure.layout["annotations"]:
-        _draw_note(panels, note)
-    _draw_legend(top, figure)
+            axes.axhline(0.0, color=ZERO, linewidth=0.8, zorder=0.6)
+        if axis.linear is not None:
+            axes.set_yscale("symlog", linthresh=axis.linear)
+            axes.set_yticks(list(axis.ticks))
+    for note in figure.notes:
+        _draw_note(by_name, note)
+    _draw_legend(panels[0], figure)
 
 
-def _draw_axis(axes: Axes, which: Literal["x", "y"], axis: Mapping[str, Any]) -> None:
+def _draw_axis(axes: Axes, which: Literal["x", "y"], axis: Axis) -> None:
     """Set scale, range, ticks and grid of an axis."""
-    limits = axis.get("range")
-    if axis.get("type") == "log":
+    if axis.log:
         axes.set(**{f"{which}scale": "log"})
         getattr(axes, f"{which}axis").set_major_formatter("{x:g}")
-        limits = limits and [10**limit for limit in limits]
     else:
         axes.ticklabel_format(axis=which, style="plain", useOffset=False)
-    if limits:
-        axes.set(**{f"{which}lim": limits})
-    if "dtick" in axis:
-        assert limits  # steps of ticks come with a range
-        ticks = np.arange(limits[0], limits[1] * (1 + 1e-9), axis["dtick"])
-        axes.set(**{f"{which}ticks": ticks})
-    if "tickvals" in axis:
-        labels = [text.replace("<br>", "\n") for text in axis["ticktext"]]
-        axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": labels})
+    if axis.limits:
+        axes.set(**{f"{which}lim": axis.limits})
+    if axis.step:
+        assert axis.limits  # steps of ticks come with a range
+        low, high = axis.limits
+        axes.set(**{f"{which}ticks": np.arange(low, high * (1 + 1e-9), axis.step)})
+    if isinstance(axis.ticks, Mapping):
+        axes.set(**{f"{which}ticks": list(axis.ticks)})
+        labels = [text.replace("<br>", "\n") for text in axis.ticks.values()]
+        axes.set(**{f"{which}ticklabels": labels})
         axes.tick_params(which, labelsize="small" if len(labels) <= 25 else "x-small")
-    axes.grid(axis=which, color=axis["gridcolor"], linewidth=0.6)
+    axes.grid(axis=which, color=axis.grid, linewidth=0.6)
     axes.set_axisbelow(True)
 
 
@@ -239,17 +229,12 @@ def _draw_legend(axes: Axes, figure: Figure) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.transforms import ScaledTranslation
 
-    shown = [
-        trace for trace in figure.traces if trace.get("showlegend", True)
-    ] * figure.layout["showlegend"]
     # Texts above a panel stand between it and the caption.
-    notes_above = any(
-        note.get("yanchor") == "bottom" for note in figure.layout["annotations"]
-    )
+    notes_above = any(note.get("yanchor") == "bottom" for note in figure.notes)
     room = 13 if notes_above else 3
     handles = [
         Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0]))
-        for trace in shown
+        for trace in figure.in_legend
     ]
     offset = ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans)
     # Sizes with which as many names find room as on the page.

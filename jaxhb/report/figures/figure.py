@@ -1,6 +1,5 @@
-"""One specification of a figure for plotly.js, on the page, and for matplotlib: lines,
-marks, bands and panels as plain dictionaries. Dashes, symbols and words tell what
-colours tell too.
+"""One specification of a figure for plotly.js, on the page, and for matplotlib: axes,
+lines, marks, bands and texts. Dashes, symbols and words tell what colours tell too.
 """
 
 from __future__ import annotations
@@ -8,9 +7,9 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -28,19 +27,17 @@ Limits = tuple[float, float]
 
 WIDTH = 680
 PANEL = 155
+GAP = 26
 BOTTOM = 46
-"""Pixels: the width of an A4 page between its margins, the height of a panel, and that
-of the axis below.
+EDGE = 9
+"""Pixels: the width of an A4 page between its margins, the height of a panel, the gap
+between two, the axis below, and the edge below that.
 """
 
 LEGEND_ROW = 19
 LETTER = 4.9
 KEY = 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
-
-AXIS = 62
-ROW = 15
-"""Pixels left of a panel, with a title of one row, and of another row of the title."""
 
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
 THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
@@ -57,6 +54,7 @@ WITH = "#b3261e"
 WITHOUT = "#1f4e79"
 GREY = "#6f6f6f"
 BAND = "#e3e3e3"
+ZERO = "#9a9a9a"
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -95,154 +93,145 @@ numbers.
 """
 
 NO_ANSWER = MOTIONS[None][1]
-ALONG = {
-    "type": "rect",
-    "xref": "x",
-    "y0": 0,
-    "y1": 1,
-    "layer": "below",
-    "fillcolor": BAND,
-    "line": {"width": 0},
-}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: its title, and its range, None where the numbers tell it.
+
+    log : whether it is logarithmic; linear : number up to which it is linear on both
+    sides of 0 and logarithmic beyond, of an upright axis of files; step : between
+    ticks; ticks : their places, with words or without; grid : colour of lines at ticks
+    """
+
+    title: str
+    limits: Limits | None = None
+    log: bool = False
+    linear: float | None = None
+    step: float | None = None
+    ticks: Mapping[float, str] | Sequence[float] = ()
+    grid: str = "#e4e4e4"
+
+
+@dataclass(frozen=True)
+class Band:
+    """Grey between two x, over the whole height or that of a panel."""
+
+    low: float
+    high: float
+    panel: int | None = None
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A caption, traces and a layout, all of plain numbers and words, as plotly.js
-    draws them.
+    """Panels of one height above one another, over one axis.
+
+    x, panels : axes, those of the panels from the top; traces, notes : lines, marks and
+    texts, as plotly.js calls them; height : of a panel; top, right, bottom : room
+    beside the panels, pixels; legend : side at which it stands
     """
 
     caption: str
+    x: Axis
+    panels: list[Axis]
     traces: list[Trace]
-    layout: dict[str, Any]
+    bands: Sequence[Band] = ()
+    notes: Sequence[dict[str, Any]] = ()
+    height: int = PANEL
+    top: int = 0
+    right: int = 14
+    bottom: int = BOTTOM
+    legend: Literal["left", "right"] = "left"
+
+    @property
+    def in_legend(self) -> list[Trace]:
+        """Traces that the legend names: of one name there is none."""
+        named = [trace for trace in self.traces if trace.get("showlegend", True)]
+        return named if len(named) > 1 else []
+
+    def titles(self, end: str) -> list[str]:
+        """Titles of the panels in rows, with ``end`` between them, that are no longer
+        than a panel is high.
+        """
+        most = max(8, int(self.height / TITLE_LETTER))
+        return [
+            end.join(textwrap.wrap(axis.title, most, break_long_words=False))
+            for axis in self.panels
+        ]
+
+    @property
+    def inside(self) -> int:
+        """Pixels from the top of the first panel to the bottom of the last."""
+        return self.height * len(self.panels) + GAP * (len(self.panels) - 1)
+
+    @property
+    def above(self) -> int:
+        """Pixels above the panels."""
+        rows = -(-len(self.in_legend) // legend_columns(self.traces))
+        return 12 + LEGEND_ROW * rows + self.top
+
+    @property
+    def pixels(self) -> int:
+        """The whole height."""
+        return self.inside + self.above + self.bottom + EDGE
 
 
 def figure(
     caption: str,
-    x_title: str,
-    panels: str | Sequence[tuple[str, Limits | None]],
+    x: Axis,
+    panels: str | Sequence[Axis],
     traces: Sequence[Trace],
     *,
-    x_range: Limits | None = None,
     height: int = PANEL,
-    shapes: Sequence[dict[str, Any]] = (),
-    annotations: Sequence[dict[str, Any]] = (),
+    bands: Sequence[Band] = (),
+    notes: Sequence[dict[str, Any]] = (),
 ) -> Figure:
-    """Make a :class:`Figure` of panels above one another, each a (title, range or None)
-    from the top, over one axis; or of one panel, given by its title, which begins at
-    zero and holds all numbers.
+    """Make a :class:`Figure` of panels, or of one, given by its title, which begins at
+    zero and holds all numbers; units make numbers short.
     """
-    caption, panels, traces = _readable_units(caption, panels, traces)
-    panels = [(panels, top_of(traces))] if isinstance(panels, str) else panels
-    panels = [(_wrapped(title, height), limits) for title, limits in panels]
-    rows_of_title = max(title.count("<br>") for title, _ in panels)
-    keys = sum(trace.get("showlegend", True) for trace in traces)
-    # One name needs no legend.
-    rows = -(-keys // legend_columns(traces)) if keys > 1 else 0
-    top_margin = 12 + LEGEND_ROW * rows
-    gap = 26
-    inside = height * len(panels) + gap * (len(panels) - 1)
-    axis = {
-        "showline": True,
-        "mirror": True,
-        "linecolor": "black",
-        "ticks": "outside",
-        "gridcolor": "#e4e4e4",
-        "exponentformat": "none",
-    }
-    layout: dict[str, Any] = {
-        "width": WIDTH,
-        "height": round(inside + top_margin + BOTTOM + 9),
-        "margin": {
-            "l": AXIS + ROW * rows_of_title,
-            "r": 14,
-            "t": top_margin,
-            "b": BOTTOM,
-            "autoexpand": False,
-        },
-        "font": {
-            "size": 11,
-            "color": "black",
-            "family": "Arial, Helvetica, sans-serif",
-        },
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "hovermode": "closest",
-        "separators": ".",  # no comma in 12000 rpm
-        "showlegend": rows > 0,
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "y": 1 + 6 / inside,
-            "yanchor": "bottom",
-            "font": {"size": 10},
-        },
-        "xaxis": (
-            axis
-            | {
-                "title": {"text": x_title},
-                "zeroline": False,
-                "anchor": _numbered("y", len(panels) - 1),
-                "mirror": "all" if len(panels) > 1 else True,
-                # Mirrored ticks would cross the texts above the panels.
-                "ticks": "" if len(panels) > 1 else "outside",
-            }
-        ),
-        "shapes": list(shapes),
-        "annotations": list(annotations),
-    }
-    if x_range is not None:
-        layout["xaxis"]["range"] = [float(limit) for limit in x_range]
-    for panel, (title, limits) in enumerate(panels):
-        top = inside - panel * (height + gap)
-        panel_axis = axis | {
-            "title": {"text": title, "standoff": 6},
-            "domain": [max(0.0, (top - height) / inside), top / inside],
-            "zerolinecolor": "#9a9a9a",
-        }
-        if limits is not None:
-            panel_axis["range"] = [float(limit) for limit in limits]
-        layout[_numbered("yaxis", panel)] = panel_axis
-    return Figure(caption, list(traces), layout)
-
-
-def _readable_units(
-    caption: str,
-    panels: str | Sequence[tuple[str, Limits | None]],
-    traces: Sequence[Trace],
-) -> tuple[str, str | list[tuple[str, Limits | None]], list[Trace]]:
-    """Write numbers of thousands in the next larger unit, 12 kN m in place of 12000 N
-    m, and tiny ones in a smaller unit: caption, panels and traces.
-    """
-    single = isinstance(panels, str)
-    pairs = [(panels, None)] if isinstance(panels, str) else panels
-    titles = [title for title, _ in pairs]
-    ranges = [limits for _, limits in pairs]
-    for panel, title in enumerate(titles):
-        _, comma, unit = title.rpartition(", ")
-        shown = [trace for trace in traces if trace["yaxis"] == _numbered("y", panel)]
-        largest = max(
-            (abs(y) for trace in shown for y in trace["y"] if y is not None),
-            default=0.0,
-        )
-        factor, readable = _readable(unit, largest) if comma else (1.0, unit)
-        if readable == unit:
-            continue
-        titles[panel] = f"{title.removesuffix(unit)}{readable}"
-        limits = ranges[panel]
-        if limits:
-            ranges[panel] = (factor * limits[0], factor * limits[1])
-        scaled = {
-            id(trace): trace | {"y": _scaled(trace["y"], factor)} for trace in shown
-        }
-        traces = [scaled.get(id(trace), trace) for trace in traces]
-        if single:  # the caption tells the unit of its only panel
+    axes = [Axis(panels)] if isinstance(panels, str) else list(panels)
+    shown = list(traces)
+    for panel, axis in enumerate(axes):
+        axes[panel], shown = _in_readable_unit(axis, panel, shown)
+    if isinstance(panels, str):
+        # The caption tells the unit of its only panel.
+        unit = panels.rpartition(", ")[2]
+        readable = axes[0].title.rpartition(", ")[2]
+        if unit != readable:
             caption = re.sub(rf", {unit}(?!\w)", f", {readable}", caption)
-    return (
-        caption,
-        titles[0] if single else list(zip(titles, ranges, strict=True)),
-        list(traces),
+        axes = [replace(axes[0], limits=top_of(shown))]
+    return Figure(caption, x, axes, shown, bands, notes, height)
+
+
+def _in_readable_unit(
+    axis: Axis, panel: int, traces: list[Trace]
+) -> tuple[Axis, list[Trace]]:
+    """Write numbers of thousands of a panel in the next larger unit, 12 kN m in place
+    of 12000 N m, and tiny ones in a smaller unit.
+    """
+    name, comma, unit = axis.title.rpartition(", ")
+    own = numbered("y", panel)
+    largest = max(
+        (
+            abs(y)
+            for trace in traces
+            if trace["yaxis"] == own
+            for y in trace["y"]
+            if y is not None
+        ),
+        default=0.0,
     )
+    factor, readable = _readable(unit, largest) if comma else (1.0, unit)
+    if readable == unit:
+        return axis, traces
+    limits = axis.limits
+    if limits:
+        limits = (factor * limits[0], factor * limits[1])
+    scaled = [
+        trace | {"y": _scaled(trace["y"], factor)} if trace["yaxis"] == own else trace
+        for trace in traces
+    ]
+    return replace(axis, title=f"{name}, {readable}", limits=limits), scaled
 
 
 def _readable(unit: str, largest: float) -> tuple[float, str]:
@@ -270,14 +259,8 @@ def _scaled(values: Iterable[float | None], factor: float) -> list[float | None]
     return numbers(math.nan if value is None else factor * value for value in values)
 
 
-def _wrapped(title: str, height: int) -> str:
-    """Wrap the title of a panel in rows that are no longer than the panel is high."""
-    return "<br>".join(
-        textwrap.wrap(title, max(8, int(height / TITLE_LETTER)), break_long_words=False)
-    )
-
-
-def _numbered(name: str, panel: int) -> str:
+def numbered(name: str, panel: int) -> str:
+    """Name an axis of a panel as plotly.js does: y, y2, y3."""
     return f"{name}{panel + 1}" if panel else name
 
 
@@ -341,7 +324,7 @@ def line(
     # A colour that comes once more has another dash than before.
     dash = STYLES[(place + turn) % len(STYLES)]["dash"]
     full_look = STYLES[place] | {"dash": dash, "width": 1.6} | (look or {})
-    return trace | {"yaxis": _numbered("y", panel), "line": full_look}
+    return trace | {"yaxis": numbered("y", panel), "line": full_look}
 
 
 def _stands_alone(values: Sequence[float | None]) -> bool:
@@ -428,7 +411,7 @@ def marks(
         "x": numbers(x),
         "y": numbers(y),
         "name": name,
-        "yaxis": _numbered("y", panel),
+        "yaxis": numbered("y", panel),
         "marker": {
             "symbol": symbol,
             "size": size,
@@ -494,11 +477,12 @@ def kind_keys(*lists: Sequence[Answer]) -> list[Trace]:
 UNCONFIRMED = "ringed: not confirmed by harmonic balance, ? in tables"
 
 
-def rings(speeds: Column, values: Column) -> list[Trace]:
+def rings(points: Sequence[tuple[float, float]]) -> list[Trace]:
     """Make rings round numbers that harmonic balance did not confirm, in a list."""
-    if not len(speeds):
+    if not points:
         return []
-    return [marks(speeds, values, UNCONFIRMED, "circle-open", size=14)]
+    x, y = zip(*points, strict=True)
+    return [marks(x, y, UNCONFIRMED, "circle-open", size=14)]
 
 
 def crosses(speeds: Column, bottom: float = 0.0) -> list[Trace]:
@@ -527,13 +511,9 @@ def speed_range(rpm: Column) -> Limits:
 
 def bands(
     edges: Iterable[Sequence[float]] | np.ndarray, panel: int | None = None
-) -> list[dict[str, Any]]:
+) -> list[Band]:
     """Make grey bands between pairs of x, over the whole height or that of a panel."""
-    rows = "paper" if panel is None else f"{_numbered('y', panel)} domain"
-    return [
-        ALONG | {"yref": rows, "x0": float(low), "x1": float(high)}
-        for low, high in edges
-    ]
+    return [Band(float(low), float(high), panel) for low, high in edges]
 
 
 def note(
@@ -556,7 +536,7 @@ def above(text: str, panel: int) -> dict[str, Any]:
         0.0,
         1.0,
         xref="paper",
-        yref=f"{_numbered('y', panel)} domain",
+        yref=f"{numbered('y', panel)} domain",
         xanchor="left",
         yanchor="bottom",
     )

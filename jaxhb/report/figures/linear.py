@@ -5,6 +5,7 @@ Campbell diagram.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from jaxhb.report.figures.figure import (
     GREY,
     WITH,
     WITHOUT,
+    Axis,
     Figure,
     above,
     bars,
@@ -97,21 +99,18 @@ def plot_holzer(
         )
         for mode, zero in zeros.items()
     ]
-    spec = figure(
-        "Holzer's residual, zero at natural frequencies",
-        "frequency, Hz",
-        [("residual, N m, from ordinates 1", None)],
-        traces,
-        x_range=(0.0, highest),
-        height=220,
-        annotations=notes,
-    )
-    picture = drawn(spec, title=train.topology.title)
     small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
     linear = 10 ** np.ceil(np.log10(small)) if small else 1.0
-    picture.axes[0].set_yscale("symlog", linthresh=linear)
-    picture.axes[0].set_yticks(_decades(low, high, linear))
-    return picture
+    ticks = _decades(low, high, linear)
+    spec = figure(
+        "Holzer's residual, zero at natural frequencies",
+        Axis("frequency, Hz", (0.0, highest)),
+        [Axis("residual, N m, from ordinates 1", linear=linear, ticks=ticks)],
+        traces,
+        height=220,
+        notes=notes,
+    )
+    return drawn(spec, title=train.topology.title)
 
 
 def _decades(low: float, high: float, linear: float) -> list[float]:
@@ -153,43 +152,33 @@ def campbell_figure(
         min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
     top = 1.08 * (top or 1.0)
-    traces = []
-    for order in campbell.orders:
-        traces.append(
-            line(
-                [low, high],
-                [order * low / 60, order * high / 60],
-                f"order {names.number(order)}",
-                look={"color": GREY, "dash": "dash", "width": 0.8},
-                showlegend=False,
-            )
+    traces = [
+        line(
+            [low, high],
+            [order * low / 60, order * high / 60],
+            f"order {names.number(order)}",
+            look={"color": GREY, "dash": "dash", "width": 0.8},
+            showlegend=False,
         )
+        for order in campbell.orders
+    ]
     shown = [k for k in campbell.shown(count) if campbell.frequencies_hz[-1, k] <= top]
-    for k in shown:
-        look = (
-            {"color": WITHOUT, "dash": "solid"}
-            if k in elastic
-            else {"color": "grey", "dash": "dot"}
+    full = {"color": WITHOUT, "dash": "solid", "width": 1.8}
+    dotted = {"color": "grey", "dash": "dot", "width": 1.8}
+    traces += [
+        line(
+            campbell.rpm,
+            campbell.frequencies_hz[:, k],
+            f"mode {k}",
+            look=full if k in elastic else dotted,
+            showlegend=False,
         )
-        traces.append(
-            line(
-                campbell.rpm,
-                campbell.frequencies_hz[:, k],
-                f"mode {k}",
-                look=look | {"width": 1.8},
-                showlegend=False,
-            )
-        )
+        for k in shown
+    ]
     filled = counting(campbell)
-    critical_speeds = {
-        "circle": filled,
-        "circle-open": [c for c in campbell.critical if c not in filled],
-    }
-    for symbol, critical in critical_speeds.items():
-        text = [
-            f"order {names.number(c.order)}, mode {c.mode}, modal torque"
-            f" {plain_number(c.torque)} N m"
-            for c in critical
+    for symbol in ("circle", "circle-open"):
+        critical = [
+            c for c in campbell.critical if (c in filled) == (symbol == "circle")
         ]
         traces.append(
             marks(
@@ -198,7 +187,11 @@ def campbell_figure(
                 "critical speed",
                 symbol,
                 color=WITH,
-                text=text,
+                text=[
+                    f"order {names.number(c.order)}, mode {c.mode}, modal torque"
+                    f" {plain_number(c.torque)} N m"
+                    for c in critical
+                ],
                 hovertemplate="%{x} rpm, %{y} Hz: %{text}<extra></extra>",
                 showlegend=False,
             )
@@ -215,16 +208,13 @@ def campbell_figure(
     ]
     spec = figure(
         caption,
-        "speed, rpm",
-        [("frequency, Hz", (0.0, top))],
+        Axis("speed, rpm", (low, high)),
+        [Axis("frequency, Hz", (0.0, top))],
         traces,
-        x_range=(low, high),
         height=400,
-        annotations=ray_names + _mode_names(campbell, shown, top),
+        notes=ray_names + _mode_names(campbell, shown, top),
     )
-    spec.layout["margin"] |= {"r": 125, "t": 24}
-    spec.layout["height"] += 12
-    return spec
+    return replace(spec, right=125, top=12)
 
 
 def counting(campbell: Campbell) -> list[Critical]:
@@ -308,20 +298,20 @@ def shapes_figure(
     traces = []
     notes = []
     for panel, k in enumerate(chosen):
-        for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-            traces.append(
-                line(
-                    start + np.arange(len(way)),
-                    shapes[k][way],
-                    "",
-                    min(number, 1),
-                    mode="lines+markers",
-                    text=[modes.names[disk] for disk in way],
-                    hovertemplate="%{text}: %{y}<extra></extra>",
-                    panel=panel,
-                    showlegend=False,
-                )
+        traces += [
+            line(
+                start + np.arange(len(way)),
+                shapes[k][way],
+                "",
+                min(number, 1),
+                mode="lines+markers",
+                text=[modes.names[disk] for disk in way],
+                hovertemplate="%{text}: %{y}<extra></extra>",
+                panel=panel,
+                showlegend=False,
             )
+            for number, (start, way) in enumerate(zip(starts, lines, strict=False))
+        ]
         at_rest = np.abs(modes.shapes[k]) <= AT_REST
         nodes = mode_nodes(lines, starts, np.where(at_rest, 0.0, shapes[k]))
         traces.append(
@@ -345,31 +335,21 @@ def shapes_figure(
     caption += "Dashed: branches, each begins at the disk named in brackets." * (
         len(lines) > 1
     )
-    spec = figure(
-        caption,
-        "",
-        [("", (-1.15, 1.15))] * len(chosen),
-        traces,
-        height=95,
-        annotations=notes,
-        x_range=(-0.5, starts[-1] - 1.5),
-    )
     names: dict = {}  # the disk on which a branch hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
         names |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
         if number:
             names[start] = f"({names[start]})"
     names = dict(list(names.items())[:: -(-len(names) // NAMES)])
-    room = round(5.4 * max(map(len, names.values())))
-    spec.layout["xaxis"] |= {
-        "tickvals": list(names),
-        "ticktext": list(names.values()),
-        "tickangle": -90,
-        "tickfont": {"size": 9},
-    }
-    spec.layout["margin"] |= {"t": 22, "b": 16 + room}
-    spec.layout["height"] += room - 20
-    return spec
+    spec = figure(
+        caption,
+        Axis("", (-0.5, starts[-1] - 1.5), ticks=names),
+        [Axis("", (-1.15, 1.15))] * len(chosen),
+        traces,
+        height=95,
+        notes=notes,
+    )
+    return replace(spec, top=10, bottom=16 + round(5.4 * max(map(len, names.values()))))
 
 
 def mode_nodes(

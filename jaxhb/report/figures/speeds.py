@@ -12,12 +12,13 @@ import numpy as np
 
 from jaxhb.elements.rules import RULES
 from jaxhb.linear.forced import ForcedResponse
-from jaxhb.linear.strength import Strength, strength, stress_limits
+from jaxhb.linear.strength import Strength, strength, stress_limits, train_of
 from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     MARKED,
     SYMBOLS,
+    Axis,
     Figure,
     Trace,
     bands,
@@ -42,6 +43,7 @@ from jaxhb.report.quantities import (
     shown_unit,
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
+from jaxhb.report.text.forced import by_kind
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
@@ -113,15 +115,13 @@ def over_speed(
     caption: str | None = None,
     *,
     more: Sequence[Trace] = (),
-    **layout: Any,
 ) -> Figure:
     """Make the figure of elements over the speed, case by case, with and without
     backlash; symbols tell the kind of motion.
 
     Of one element every case has a look of its own; of several every element, with open
     symbols in the second case. A quantity of no signal is drawn with backlash alone, as
-    a motion that has no linear one beside it. ``more`` are further traces, ``layout``
-    is for :func:`figure`.
+    a motion that has no linear one beside it. ``more`` are further traces.
     """
     first = cases[0].answers
     several = len(names) > 1
@@ -164,26 +164,17 @@ def over_speed(
                     )
                 )
     traces += more
-    axis = speed_range(places)
-    width = BESIDE * (axis[1] - axis[0])
+    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
+    low, high = speed_range(places)
+    width = BESIDE * (high - low)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, width)
     traces += _spread(quantity, names, cases, 2 * width)
-    unconfirmed = [(a.place, value) for a, value in points if a.unconfirmed]
-    traces += rings(
-        [place for place, _ in unconfirmed], [value for _, value in unconfirmed]
-    )
+    traces += rings([(a.place, value) for a, value in points if a.unconfirmed])
     traces += kind_keys(*(case.answers for case in cases))
-    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
-    return figure(
-        caption,
-        title,
-        f"{quantity.called}, {quantity.unit}",
-        traces,
-        x_range=axis,
-        **layout,
-    )
+    panel = f"{quantity.called}, {quantity.unit}"
+    return figure(caption, Axis(title, (low, high)), panel, traces)
 
 
 def _cycles(
@@ -192,17 +183,17 @@ def _cycles(
     """Make bars from 5 to 95 % of the largest forces of a cycle, of motions that never
     repeat; one mesh beside the other; in a list.
     """
-    places = []
-    percentiles = []
-    for number, name in enumerate(names):
-        for answer in _irregular(cases):
-            places.append(answer.place + beside * number)
-            percentiles.append(
-                quantity.factor * np.asarray(answer.force(name).per_cycle.peak)
-            )
-    if not places:
+    points = [
+        (
+            answer.place + beside * number,
+            *(quantity.factor * np.asarray(answer.force(name).per_cycle.peak)),
+        )
+        for number, name in enumerate(names)
+        for answer in _irregular(cases)
+    ]
+    if not points:
         return []
-    low, _, high = np.transpose(percentiles)
+    places, low, _, high = np.transpose(points)
     return [
         bars(
             places,
@@ -281,9 +272,8 @@ def tolerance_figures(spread: Spread) -> list[Figure]:
             )
             traces.append(marks(rpm, middle, "median of the sample", "circle", size=5))
         title = f"{objective.quantity}, {unit}".removesuffix(", ")
-        figures.append(
-            figure(plain(name), "speed, rpm", title, traces, x_range=speed_range(rpm))
-        )
+        axis = Axis("speed, rpm", speed_range(rpm))
+        figures.append(figure(plain(name), axis, title, traces))
     return figures
 
 
@@ -314,23 +304,20 @@ def plot_identified(identification: Identification) -> Picture:
                 if order == "nan"
                 else f"order {names.number(float(order))}"
             )
-            for computed, name, look in (
-                (identification.computed, "fitted", {}),
-                (
-                    identification.before_computed,
-                    "scene",
-                    {"width": 0.8, "dash": "dot"},
-                ),
-            ):
-                traces.append(
-                    line(
-                        measured.rpm[rows],
-                        answered[rows] * np.abs(computed[rows]),
-                        f"{label}, {name}",
-                        style,
-                        look=look,
-                    )
+            thin = {"width": 0.8, "dash": "dot"}
+            traces += [
+                line(
+                    measured.rpm[rows],
+                    answered[rows] * np.abs(computed[rows]),
+                    f"{label}, {name}",
+                    style,
+                    look=look,
                 )
+                for computed, name, look in (
+                    (identification.computed, "fitted", {}),
+                    (identification.before_computed, "scene", thin),
+                )
+            ]
             traces.append(
                 marks(
                     measured.rpm[rows],
@@ -341,10 +328,8 @@ def plot_identified(identification: Identification) -> Picture:
                 )
             )
         caption = f"{quantity} of {plain(element)}: amplitudes"
-        axis = speed_range(np.unique(measured.rpm))
-        figures.append(
-            figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis)
-        )
+        axis = Axis("speed, rpm", speed_range(np.unique(measured.rpm)))
+        figures.append(figure(caption, axis, f"{quantity}, {unit}", traces))
     title = train_name(identification.train.topology)
     return drawn(*figures, title=f"{title}: measured and computed")
 
@@ -367,8 +352,7 @@ def plot_forced(
     (:func:`jaxhb.report.text.forced.worst_of`) adds its half peak-to-peak.
     """
     response = cases[""]
-    train = response.train
-    assert train is not None  # which only transformations leave out
+    train = train_of(response)
     converged = np.asarray(response.converged)
     answered = [
         element.at(converged) if converged.any() else element for element in elements
@@ -383,8 +367,7 @@ def plot_forced(
             return {}
         cylinder = worst[name].cylinder
         misfire = cases[cylinder]
-        assert misfire.train is not None
-        return {case_title(misfire.train, cylinder): misfire}
+        return {case_title(train_of(misfire), cylinder): misfire}
 
     figures = [
         orders_figure(response, element, worst_misfire(element.name))
@@ -429,8 +412,7 @@ def orders_figure(
         swing = element.of(misfire).signal.half_peak_to_peak
         values = np.where(misfire.converged, factor, np.nan) * swing
         traces.append(line(rpm, values, f"half peak-to-peak, {plain(case)}", 1))
-    assert response.train is not None  # which only transformations leave out
-    names = order_names(response.train)
+    names = order_names(train_of(response))
     for number, k in enumerate(element.main()):
         traces.append(
             line(
@@ -451,10 +433,9 @@ def orders_figure(
     remark = f"linear forced response over the speed, {title}".removesuffix(", ")
     return figure(
         f"{plain(element.name)}: {remark}, {unit}",
-        "speed, rpm",
+        Axis("speed, rpm", speed_range(rpm)),
         f"{element.called}, {unit}",
         traces,
-        x_range=speed_range(rpm),
         height=220,  # as the limits below it
     )
 
@@ -463,13 +444,12 @@ def hardest_elements(elements: Sequence[Reading]) -> list[Reading]:
     """Return the shaft and the mesh with the largest half peak-to-peak, without either
     the disk.
     """
-    kinds = [
-        [element for element in elements if element.kind == kind]
-        for kind in ("shafts", "meshes")
-    ]
+    kinds = by_kind(elements)
+    if kinds[1:]:
+        kinds = [of_kind for of_kind in kinds if of_kind[0].kind != "disks"]
     return [
         max(of_kind, key=lambda element: np.max(element.signal.half_peak_to_peak))
-        for of_kind in [of_kind for of_kind in kinds if of_kind] or [list(elements)]
+        for of_kind in kinds
     ]
 
 
@@ -516,7 +496,8 @@ def limit_figure(
     first = next(iter(judged.values()))
     traces = []
     called = kind.called
-    (factor, unit) = kind.shown
+    factor, unit = kind.shown
+    doubtful: list[tuple[float, float]] = []
     for number, (title, case) in enumerate(judged.items()):
         row = getattr(case, key)[name]
         values = factor * np.asarray(getattr(row, kind.field), float)
@@ -529,6 +510,12 @@ def limit_figure(
                 mode="lines+markers" if len(values) <= MARKED else "lines",
             )
         )
+        if case.unconfirmed is not None:
+            doubtful += zip(
+                np.asarray(case.rpm)[case.unconfirmed],
+                values[case.unconfirmed],
+                strict=True,
+            )
     speeds, limits = _limits(first, key, name, train)
     for number, (limit, label) in enumerate(
         zip(limits, kind.limits.values(), strict=True)
@@ -538,12 +525,7 @@ def limit_figure(
             traces.append(
                 line(speeds, values, label, 2 + number, look={"color": "black"})
             )
-    doubtful = [
-        point
-        for case in judged.values()
-        for point in _unconfirmed(case, factor, key, name, kind.field)
-    ]
-    traces += rings([rpm for rpm, _ in doubtful], [value for _, value in doubtful])
+    traces += rings(doubtful)
     barred = (
         [band for case in judged.values() for band in case.barred.get(name, ())]
         if key == "stresses"
@@ -555,12 +537,11 @@ def limit_figure(
     against = f" against its limit{'s' * (drawn_limits > 1)}" if drawn_limits else ""
     return figure(
         f"{plain(name)}: {called}{against}, {unit}{shaded}",
-        "speed, rpm",
+        Axis("speed, rpm", speed_range(np.asarray(first.rpm))),
         f"{called}, {unit}",
         traces,
-        x_range=speed_range(np.asarray(first.rpm)),
         height=180,
-        shapes=bands([(band.low, band.high) for band in barred]),
+        bands=bands([(band.low, band.high) for band in barred]),
     )
 
 
@@ -580,20 +561,3 @@ def _limits(
     within = corners[(corners > np.min(judged.rpm)) & (corners < np.max(judged.rpm))]
     speeds = np.unique(np.concatenate([np.atleast_1d(judged.rpm), within]))
     return speeds, list(stress_limits(train, name, speeds))
-
-
-def _unconfirmed(
-    judged: Strength, factor: float, key: str, name: str, field: str
-) -> list[tuple[float, float]]:
-    """Return speeds and numbers of an element that harmonic balance did not confirm."""
-    if judged.unconfirmed is None:
-        return []
-    row = getattr(judged, key)[name]
-    values = factor * np.asarray(getattr(row, field), float)
-    return [
-        (rpm, value)
-        for rpm, value, doubt in zip(
-            judged.rpm, values, judged.unconfirmed, strict=True
-        )
-        if doubt
-    ]

@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
-from jaxhb.report.page.parts import Block, Heading, Report, flowing, table
+from jaxhb.report.page.parts import Block, Heading, Report, flowing
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import (
     governing_misfires,
     governing_table,
@@ -17,7 +18,7 @@ from jaxhb.report.text.cases import (
     worst_misfire,
 )
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
+from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
 from jaxhb.report.text.strength import (
     AID,
@@ -37,31 +38,29 @@ def result(report: Report) -> list[Block]:
     """Say what an engineer reads first: do the teeth hammer, how hard, and what of it
     is in doubt.
     """
-    blocks: list[Block] = [f"With {_largest(case)}" for case in report.shown]
-    worst = worst_misfire(report.cases)
-    blocks += firing_lines(*(case.answers[0].train for case in report.cases))
-    if len(report.cases) > 2 and worst:
-        blocks.append(
-            f"Of all {len(report.cases) - 1}:"
-            f" {misfire_text(worst, report.cases[0].title)}"
-        )
-    blocks += [f"With the {_largest(case)}" for case in report.seconds]
-    blocks += judged(report.cases, "Against the limits of the scene")
-    blocks += judged(report.seconds, SECOND_LIMITS)
+    cases = report.cases
     missing = {
         case.title: sum(not answer.answered for answer in case.answers)
-        for case in [*report.cases, *report.seconds]
+        for case in [*cases, *report.seconds]
     }
     doubts = ", ".join(
         f"{count} of {len(report.rpm)} ({title})"
         for title, count in missing.items()
         if count
     )
-    if doubts:
-        blocks.append(
-            f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}."
-        )
-    return blocks
+    worst = worst_misfire(cases) if len(cases) > 2 else None
+    of_all = f"Of all {len(cases) - 1}: "
+    blocks: list[Block] = [
+        *(f"With {_largest(case)}" for case in report.shown),
+        *firing_lines(*(case.answers[0].train for case in cases)),
+        of_all + misfire_text(worst, cases[0].title) if worst else None,
+        *(f"With the {_largest(case)}" for case in report.seconds),
+        *judged(cases, "Against the limits of the scene"),
+        *judged(report.seconds, SECOND_LIMITS),
+        doubts
+        and f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}.",
+    ]
+    return list(filter(None, blocks))
 
 
 def _largest(case: Case) -> str:
@@ -91,29 +90,28 @@ def accuracy(report: Report) -> list[Block]:
     """Tell how far the numbers can be trusted: residuals, truncation, power, computed
     bounds.
     """
-    title = (
-        "Harmonic balance, the largest of all speeds: residual of its equations,"
-        " estimated change of the tooth force by harmonics left out (% of the largest),"
-        " power not accounted for"
-    )
-    heads = [
-        "",
-        "speeds answered",
-        "largest residual",
-        "truncation error %",
-        "at rpm",
-        "power lost %",
+    blocks: list[Block] = [
+        Table(
+            "Harmonic balance, the largest of all speeds: residual of its equations,"
+            " estimated change of the tooth force by harmonics left out (% of the"
+            " largest), power not accounted for",
+            [
+                "",
+                "speeds answered",
+                "largest residual",
+                "truncation error %",
+                "at rpm",
+                "power lost %",
+            ],
+            [[case.title, *_accuracy(case.answers)] for case in report.cases],
+        )
     ]
-    rows = [[case.title, *_accuracy(case.answers)] for case in report.cases]
-    blocks: list[Block] = [table(title, rows, heads)]
-    certified = False
     for case in report.shown:
         answer = case.answers[report.place]
         if answer.certificate is not None:
-            certified = True
             text, *more = certificate_parts(answer, answer.certificate)
             blocks += [f"{answer.rpm:g} rpm, {case.title}. {flowing(text)}", *more]
-    if not certified:
+    if not blocks[1:]:
         blocks.append(
             "No computed bound was asked for: --certify adds one at the speed that is"
             " shown in full."
@@ -226,17 +224,24 @@ def shares_table(title: str, cases: Sequence[Case]) -> Table | None:
     """Make a table of the shares of limits of every element, case by case; cases may be
     of two designs; None without a limit.
     """
-    columns = [shares_of([case]) for case in cases]
-    rows = []
-    for key, name in dict.fromkeys(key for column in columns for key in column):
-        row = [name, LIMITED[key].called, LIMITED[key].limit]
-        for column in columns:
-            share = column.get((key, name))
-            row += [f"{share.share:.2f}", f"{share.rpm:g}"] if share else [NONE, NONE]
-        rows.append(row)
-    heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
-    groups = [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)]
-    return from_rows(title, heads, rows, groups) if rows else None
+    shares = [shares_of([case]) for case in cases]
+    judged = dict.fromkeys(key for of_case in shares for key in of_case)
+    columns = [
+        Column("element", read=lambda key: key[1]),
+        Column("judged", read=lambda key: LIMITED[key[0]].called),
+        Column("limit", read=lambda key: LIMITED[key[0]].limit),
+    ]
+    for case, of_case in zip(cases, shares, strict=True):
+        columns += [
+            Column("share", _or_none("{0.share:.2f}"), of_case.get, case.title),
+            Column("at rpm", _or_none("{0.rpm:g}"), of_case.get, case.title),
+        ]
+    return Table(title, columns, judged) if judged else None
+
+
+def _or_none(form: str) -> Callable[[Any], str]:
+    """Write a value in a form, a dash where there is none."""
+    return lambda value: NONE if value is None else form.format(value)
 
 
 def limits(report: Report) -> list[Block]:

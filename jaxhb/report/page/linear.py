@@ -69,11 +69,9 @@ def modes(report: Report) -> list[Block]:
 
 def campbell(report: Report) -> list[Block]:
     """Show natural frequencies over the speed, orders, critical speeds."""
-    low = min(report.rpm)
-    high = max(report.rpm)
-    if low == high:
-        low = low * (1 - ONE_SPEED)
-        high = high * (1 + ONE_SPEED)
+    one_speed = ONE_SPEED * (len(set(report.rpm)) == 1)
+    low = min(report.rpm) * (1 - one_speed)
+    high = max(report.rpm) * (1 + one_speed)
     speeds = np.linspace(low, high, 33)
     trains = {cylinder_of(case.title): case.answers[0].train for case in report.cases}
     orders = sorted(
@@ -108,17 +106,16 @@ def campbell(report: Report) -> list[Block]:
     )
     misfires = dict(zip(list(trains)[1:], with_misfire, strict=True))
     names = order_names(report.train)
-    blocks: list[Block] = [
+    left = len(torques) - len(chosen)
+    left_out = (
+        f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
+        " the largest of their mode: left out here."
+    )
+    return [
         campbell_figure(normal, count, report.cases[0].title, names),
         *campbell_parts(main, count, misfires, names),
+        *[left_out] * bool(left),
     ]
-    left = len(torques) - len(chosen)
-    if left:
-        blocks.append(
-            f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} %"
-            " of the largest of their mode: left out here."
-        )
-    return blocks
 
 
 def forced(report: Report) -> list[Block]:

@@ -16,17 +16,9 @@ from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Block, Heading, Report
 from jaxhb.report.selection import subject_of
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import hardest_of, speed_tables
-from jaxhb.report.text.columns import (
-    DOUBT,
-    NONE,
-    Doubtful,
-    Table,
-    from_rows,
-    hit,
-    percent,
-    ratio,
-)
+from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
@@ -49,8 +41,7 @@ def motions(report: Report) -> list[Block]:
         blocks.append(over_speed(quantity, [""], cases, caption))
     if len(report.cases) > 2:
         blocks.append(_misfires(report))
-    for case in cases:
-        blocks.append(speed_table(case.answers, f"Speed by speed, {case.title}"))
+    blocks += [speed_table(c.answers, f"Speed by speed, {c.title}") for c in cases]
     for case in cases:
         blocks += turning_table(case.answers, f", {case.title}")
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
@@ -70,8 +61,11 @@ def _misfires(report: Report) -> Table:
             else [np.nan, NONE, NONE]
         )
         rows.append([case.title, *cells])
-    title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
-    return from_rows(title, ["", (quantity.unit, "number"), "at rpm", "in"], rows)
+    return Table(
+        f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}",
+        ["", Column(quantity.unit, "number"), "at rpm", "in"],
+        rows,
+    )
 
 
 def forces_over_speed(report: Report) -> list[Block]:
@@ -108,45 +102,62 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     """Make a table of the largest number of every element over the speeds that have an
     answer, with and without backlash; of tooth forces the worst contact too.
     """
-    rpm = [answer.rpm for answer in cases[0].answers]
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     contact = backlash and quantity.called == "tooth force"
-    marked = False
-    heads: list = [quantity.element]
-    rows: list[list] = [[name] for name in quantity.names]
+    columns: list[Column | str] = [quantity.element]
     for case in cases:
-        heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
-        heads += [("without", case.title), ("ratio", ratio)] * backlash
-        heads += [("apart %", percent), ("hit m/s", hit)] * contact
-        answered = [answer for answer in case.answers if answer.answered]
-        for row, name in zip(rows, quantity.names, strict=True):
-            values = quantity.of(case.answers, name)
-            finite = np.isfinite(values)
-            without = quantity.without(case.answers, name)
-            largest = max(values[finite], default=np.nan)
-            # Both go over the same speeds: those that have an answer with backlash.
-            before = max(without[finite & np.isfinite(without)], default=np.nan)
-            place = values.tolist().index(largest) if np.isfinite(largest) else None
-            doubtful = place is not None and case.answers[place].unconfirmed
-            marked |= doubtful
-            row.append(Doubtful(largest) if doubtful else largest)
-            row.append(NONE if place is None else f"{rpm[place]:g}")
-            row += [before, (largest, before)] * backlash
-            for field in ("separated_fraction", "hardest_impact") if contact else ():
-                row.append(
-                    max(
-                        (getattr(answer.contacts[name], field) for answer in answered),
-                        default=np.nan,
-                    )
-                )
-    width = (len(heads) - 1) // len(cases)
-    groups = [
-        (case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)
+        largest = Column("with" if backlash else quantity.unit, case.title)
+        of_case = [largest, Column("at rpm")]
+        of_case += [Column("without", case.title), Column("ratio", ratio)] * backlash
+        of_case += [Column("apart %", percent), Column("hit m/s", hit)] * contact
+        columns += [dataclasses.replace(each, group=case.title) for each in of_case]
+    rows = [
+        [
+            name,
+            *(
+                cell
+                for case in cases
+                for cell in _largest(quantity, case, name, backlash)
+            ),
+        ]
+        for name in quantity.names
     ]
+    marked = any(isinstance(cell, Doubtful) for row in rows for cell in row)
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
-    title = f"{quantity.title} over the speeds, {quantity.unit}{remark}"
-    return from_rows(title, heads, rows, groups)
+    return Table(
+        f"{quantity.title} over the speeds, {quantity.unit}{remark}", columns, rows
+    )
+
+
+def _largest(
+    quantity: quantities.Quantity, case: Case, name: str, backlash: bool
+) -> list:
+    """Find the largest number of an element over the speeds and its speed, where teeth
+    have backlash the same without and their ratio, of tooth forces the worst contact.
+    """
+    answered = [answer for answer in case.answers if answer.answered]
+    values = quantity.of(case.answers, name)
+    finite = np.isfinite(values)
+    largest = max(values[finite], default=np.nan)
+    cells = [largest, NONE]
+    if finite.any():
+        answer = case.answers[int(np.nanargmax(values))]
+        cells = [
+            Doubtful(largest) if answer.unconfirmed else largest,
+            f"{answer.rpm:g}",
+        ]
+    if not backlash:
+        return cells
+    without = quantity.without(case.answers, name)
+    # Both go over the same speeds: those that have an answer with backlash.
+    before = max(without[finite & np.isfinite(without)], default=np.nan)
+    cells += [before, (largest, before)]
+    fields = ("separated_fraction", "hardest_impact")
+    return cells + [
+        max((getattr(each.contacts[name], field) for each in answered), default=np.nan)
+        for field in fields * (quantity.called == "tooth force")
+    ]
 
 
 def one_speed(report: Report) -> list[Block]:
@@ -155,11 +166,10 @@ def one_speed(report: Report) -> list[Block]:
     """
     answers = {case.title: case.answers[report.place] for case in report.shown}
     first = report.cases[0].answers[report.place]
-    why = (
-        f"the speed of the largest {quantities.main_quantity(report.train).called} with"
-        f" {report.cases[0].title}"
-    )
-    why = "as asked for" if report.asked else why
+    why = "as asked for"
+    if not report.asked:
+        called = quantities.main_quantity(report.train).called
+        why = f"the speed of the largest {called} with {report.cases[0].title}"
     subject, subject_meshes = subject_of(first, report.gear)
     meshes = (
         list(
@@ -211,8 +221,8 @@ def second_design(report: Report) -> list[Block]:
     )
     if shares is None:
         return blocks
-    sentences = judged(report.seconds, SECOND_LIMITS)
-    return [*blocks, Heading("Limits of both designs"), *sentences, shares]
+    heading = Heading("Limits of both designs")
+    return [*blocks, heading, *judged(report.seconds, SECOND_LIMITS), shares]
 
 
 def _beside(cases: Sequence[Case], most: int) -> list[Block]:

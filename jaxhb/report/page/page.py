@@ -4,7 +4,8 @@ only importer of plotly.
 
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
@@ -47,7 +48,8 @@ concern the train.
 """
 
 
-class Part(NamedTuple):
+@dataclass(frozen=True)
+class Part:
     """A part of the page: its HTML, the blocks that it is made of, and whether it could
     not be made.
     """
@@ -84,9 +86,9 @@ def parts_of(
     macros: Any = environment().get_template("show.html").module
     show = macros.show
     for title, gather in sources.items():
+        failed = False
         try:
             blocks = gather(report)
-            failed = False
             html = "".join(map(show, blocks))
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
+from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.selection import cylinder_of
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
-from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
+from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
@@ -114,7 +116,7 @@ def table(
             return value
         return plain_number(float(value), digits) if math.isfinite(value) else NONE
 
-    return from_rows(title, [(head, cell) for head in heads], rows) if rows else None
+    return Table(title, [Column(head, cell) for head in heads], rows) if rows else None
 
 
 def flowing(text: str) -> str:
@@ -140,7 +142,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"words": _words, "css": _css_text}
+    templates.filters |= {"words": _words, "css": _css_text, "layout": layout_of}
     kinds = {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}
     for name, kind in kinds.items():
         templates.tests[name] = lambda block, kind=kind: isinstance(block, kind)
@@ -154,12 +156,11 @@ def environment() -> Environment:
 
 def _words(table: Table) -> set[int]:
     """Number the columns that hold words, which stand at the left."""
-    columns = enumerate(table.columns)
     word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
-    return {
-        0,
-        *table.left,
-        *(i for i, column in columns if any(map(word.search, column))),
+    return table.left | {
+        place
+        for place, column in enumerate(table.columns)
+        if any(map(word.search, column))
     }
 
 

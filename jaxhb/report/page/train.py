@@ -18,7 +18,8 @@ from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.differences import value_text
 from jaxhb.report.page.parts import Block, Report, Sketch, environment, table
-from jaxhb.report.text.columns import NONE, Table, alike, plain_number
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import charges_of, referred_tables, torque_rows
 from jaxhb.train.drivetrain import DriveTrain
@@ -80,21 +81,21 @@ def _meshes(train: DriveTrain) -> Table | None:
                 topology.mesh_damping_law[i],
             ]
         )
-    heads = [
-        "mesh",
-        "kind",
-        "radii mm",
-        "teeth",
-        "backlash mm",
-        "epsilon",
-        "transition",
-        "damping law",
-    ]
-    title = (
+    return table(
         "Meshes: epsilon is the stiffness in the gap over that in contact, transition"
-        " its width over the backlash"
+        " its width over the backlash",
+        rows,
+        [
+            "mesh",
+            "kind",
+            "radii mm",
+            "teeth",
+            "backlash mm",
+            "epsilon",
+            "transition",
+            "damping law",
+        ],
     )
-    return table(title, rows, heads)
 
 
 def excitation_tables(report: Report) -> list[Table]:
@@ -311,25 +312,18 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
     rows = [row for row in rows if first.get(row[0], row[0]) == row[0]]
     if not rows:
         return None
-    names, disks, means = zip(*rows, strict=True)
-    columns = [names, disks, *alike(*zip(*means, strict=True))]
+    texts = alike(*(means for _, _, means in rows))
+    table_rows = [
+        [name, disk, *means] for (name, disk, _), means in zip(rows, texts, strict=True)
+    ]
     if report.train.topology.load_names:
-        load_row = [
-            "power of the loads, kW",
-            NONE,
-            *(plain_number(float(answer.balance.load_kW)) for answer in answers),
-        ]
-        columns = [
-            [*column, cell] for column, cell in zip(columns, load_row, strict=True)
-        ]
-    title = (
-        "Mean torques over the speed, N m on the disk's own shaft (positive: drives),"
-        " of cylinders alike the first"
-    )
+        loads = [plain_number(float(answer.balance.load_kW)) for answer in answers]
+        table_rows.append(["power of the loads, kW", NONE, *loads])
     return Table(
-        title,
+        "Mean torques over the speed, N m on the disk's own shaft (positive: drives),"
+        " of cylinders alike the first",
         ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)],
-        columns,
+        table_rows,
     )
 
 
@@ -384,24 +378,31 @@ def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
         rows = next(iter(rows_by_name.values()))
         names = list(rows_by_name)
         several = len(names) > 1
-        cells = [
-            [number_of(order) for order, _ in rows],
-            *alike([abs(value) for _, value in rows]),
-        ]
-        cells += [
+        phases = [
             [f"{np.degrees(np.angle(x)):.1f}" if x else NONE for _, x in of_source]
             for of_source in rows_by_name.values()
         ]
-        heads = ["order", f"A {unit}", *(names if several else ["p deg"])]
         called = (
             f"{len(names)} torques with the same amplitudes" if several else names[0]
         )
-        title = (
-            f"Orders of {called}: A cos(order x angle + p), angle of the reference"
-            " rotor"
+        tables.append(
+            Table(
+                f"Orders of {called}: A cos(order x angle + p), angle of the reference"
+                " rotor",
+                [
+                    "order",
+                    Column(f"A {unit}", "size"),
+                    *(
+                        Column(name if several else "p deg", group="p deg" * several)
+                        for name in names
+                    ),
+                ],
+                [
+                    [number_of(order), abs(value), *cells]
+                    for (order, value), *cells in zip(rows, *phases, strict=True)
+                ],
+            )
         )
-        groups_of_heads = [("p deg", 2, len(names) + 1)] if several else []
-        tables.append(Table(title, heads, cells, groups_of_heads))
     return tables
 
 
@@ -411,9 +412,5 @@ def assumptions(report: Report) -> list[Block]:
     text = template.render(report=report, means=mean_angles_of)
     return [
         *text.splitlines(),
-        Table(
-            "Where this page comes from",
-            ["", ""],
-            list(zip(*report.facts.items(), strict=True)),
-        ),
+        Table("Where this page comes from", ["", ""], report.facts.items()),
     ]

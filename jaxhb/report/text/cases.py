@@ -2,12 +2,13 @@
 elements as specifications.
 """
 
+import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from jaxhb._jax import Number
 from jaxhb.report import quantities
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.quantities import (
@@ -17,15 +18,12 @@ from jaxhb.report.quantities import (
     shown_unit,
 )
 from jaxhb.report.selection import cylinder_of, train_name
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import (
     NONE,
     WAYS,
-    Groups,
-    Head,
-    Table,
     Way,
-    from_rows,
     hit,
     irregular,
     percent,
@@ -53,22 +51,38 @@ from jaxhb.results.record import PERCENT
 RPM, _ = shown_unit("rad/s")
 
 
-Read = str | Callable[[Answer, str], Any]
-"""Variable of a data set, or reader of a value from an answer and the name of an
-element.
-"""
-Spec = tuple[str, Read] | tuple[str, Read, Way]
-"""Columns of tables: head, variable or reader, and the way of
-:func:`~jaxhb.report.text.columns.written`; without a way numbers have the decimals of
-all others in the table.
-"""
+def _of(head: str, variable: str, way: Way = "number", group: str = "") -> Column:
+    """Column of a variable of data sets, by answer and name; numbers have the decimals
+    of all others in the table, those with a way of their own are in SI units.
+    """
+    unit = VARIABLES[variable.removesuffix(WITHOUT)].unit
+    factor = 1.0 if callable(way) else shown_unit(unit)[0]
+    return Column(
+        head,
+        way,
+        lambda answer, name: factor * number_for_people(answer, name, variable),
+        group,
+    )
 
 
-def against(variable: str) -> Callable[[Answer, str], tuple[Number, Number]]:
-    """Reader of a number and of the same without backlash."""
-    return lambda answer, name: (
-        number(answer, name, variable),
-        number(answer.without_backlash, name, variable),
+def _listed(element: str) -> list[Column]:
+    """Columns of the numbers that have one in the table of a kind of element."""
+    return [
+        _of(variable.column, variable.name, WAYS.get(variable.way, variable.way))
+        for variable in variables_of(element)
+        if variable.column
+    ]
+
+
+def _against(head: str, variable: str) -> Column:
+    """Column of the ratio of a number to the same without backlash."""
+    return Column(
+        head,
+        ratio,
+        lambda answer, name: (
+            number(answer, name, variable),
+            number(answer.without_backlash, name, variable),
+        ),
     )
 
 
@@ -80,89 +94,74 @@ def _driver(answer: Answer, name: str) -> str:
     return topology.disk_names[first if side > 0 else second] if side else NONE
 
 
-def _swings(signal: str) -> tuple[Spec, ...]:
+def _swings(signal: str) -> tuple[Column, ...]:
     """Columns of a torque with and without backlash."""
     half = f"{signal}_half_peak_to_peak"
     return (
-        ("mean", f"{signal}_mean"),
-        ("peak", f"{signal}_peak"),
-        ("half p-p", half),
-        ("peak", f"{signal}_peak{WITHOUT}"),
-        ("half p-p", f"{half}{WITHOUT}"),
-        ("ratio of half p-p", against(half), ratio),
+        _of("mean", f"{signal}_mean", group=WITH),
+        _of("peak", f"{signal}_peak", group=WITH),
+        _of("half p-p", half, group=WITH),
+        _of("peak", f"{signal}_peak{WITHOUT}", group="without"),
+        _of("half p-p", f"{half}{WITHOUT}", group="without"),
+        _against("ratio of half p-p", half),
     )
 
 
-def _linear_swings(signal: str) -> tuple[Spec, ...]:
+def _linear_swings(signal: str) -> tuple[Column, ...]:
     """Columns of a signal of a train without backlash."""
     return (
-        ("half peak-to-peak", f"{signal}_half_peak_to_peak"),
-        ("sum of amplitudes", f"{signal}_sum_of_amplitudes"),
+        _of("half peak-to-peak", f"{signal}_half_peak_to_peak"),
+        _of("sum of amplitudes", f"{signal}_sum_of_amplitudes"),
     )
 
 
-FORCES: tuple[Spec, ...] = (
-    ("mean", "tooth_force_mean"),
-    ("max", "tooth_force_max"),
-    ("min", "tooth_force_min"),
-    ("max", f"tooth_force_max{WITHOUT}"),
-    ("min", f"tooth_force_min{WITHOUT}"),
-    ("peak ratio", against("tooth_force_peak"), ratio),
+WITH = "with backlash"
+FORCES = (
+    _of("mean", "tooth_force_mean", group=WITH),
+    _of("max", "tooth_force_max", group=WITH),
+    _of("min", "tooth_force_min", group=WITH),
+    _of("max", f"tooth_force_max{WITHOUT}", group="without"),
+    _of("min", f"tooth_force_min{WITHOUT}", group="without"),
+    _against("peak ratio", "tooth_force_peak"),
 )
-SPEEDS: tuple[Spec, ...] = (
-    (
+SPEEDS = (
+    Column(
         "mean",
-        lambda answer, name: RPM * number(answer, name, "speed_mean"),
         "{:.6g}".format,
+        lambda answer, name: RPM * number(answer, name, "speed_mean"),
     ),
-    ("half p-p", "speed_half_peak_to_peak"),
+    _of("half p-p", "speed_half_peak_to_peak"),
 )
-ACCELERATION = ("acceleration", "acceleration_half_peak_to_peak", "rad/s2")
-"""Columns of the tables of meshes and disks, in the unit for people."""
-
-
-def columns_of(element: str) -> list[Spec]:
-    """Columns of the numbers that have one in the table of a kind of element."""
-    return [
-        (variable.column, variable.name, WAYS.get(variable.way, variable.way))
-        for variable in variables_of(element)
-        if variable.column
-    ]
+ACCELERATION = _of("acceleration", "acceleration_half_peak_to_peak", "rad/s2")
+"""Columns of the tables of meshes and disks by answer and name, in the unit for
+people.
+"""
 
 
 def element_table(
     title: str,
     element: str,
-    specs: Sequence[Spec],
+    columns: Sequence[Column],
     *answers: Answer,
     names: Sequence[str] | None = None,
-    groups: Groups = (),
+    cases: Sequence[str] = (),
 ) -> Table:
-    """A row for every element of a kind or of those ``names``, the columns of ``specs``
-    for every answer.
+    """A row for every element of a kind or of those ``names``, ``columns`` for every
+    answer, under the titles of ``cases`` if there are any.
     """
-    heads: list[Head] = [element]
-    rows: list[list[Any]] = [
-        [name] for name in names or names_of(answers[0].topology)[element]
-    ]
+    of_names = [Column(element, read=str)]
     for place, answer in enumerate(answers):
-        for head, read, *ways in specs:
-            way = ways[0] if ways else "number"
-            heads.append((head, way if callable(way) else (place, way)))
-            if callable(read):
-                cells = [read(answer, row[0]) for row in rows]
-            else:
-                factor = (
-                    1.0
-                    if callable(way)
-                    else shown_unit(VARIABLES[read.removesuffix(WITHOUT)].unit)[0]
+        for column in columns:
+            assert column.read is not None  # by answer and name
+            of_names.append(
+                dataclasses.replace(
+                    column,
+                    way=column.way if callable(column.way) else (place, column.way),
+                    read=partial(column.read, answer),
+                    group=cases[place] if cases else column.group,
                 )
-                cells = [
-                    factor * number_for_people(answer, row[0], read) for row in rows
-                ]
-            for row, cell in zip(rows, cells, strict=True):
-                row.append(cell)
-    return from_rows(title, heads, rows, groups)
+            )
+    return Table(title, of_names, names or names_of(answers[0].topology)[element])
 
 
 def solve_text(answer: Answer) -> str:
@@ -170,67 +169,75 @@ def solve_text(answer: Answer) -> str:
     of gears and shafts, notes.
     """
     topology = answer.topology
-    balance = balance_line(answer.balance)
-    means = "; ".join(
-        filter(None, [balance, f"mean angles: {mean_angles_of(topology)}"])
-    )
-    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm"]
-    head += [*firing_lines(answer.train), *status_lines(answer), means]
+    means = [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]
+    head = [
+        verdict(answer),
+        "",
+        f"{train_name(topology)} at {answer.rpm:g} rpm",
+        *firing_lines(answer.train),
+        *status_lines(answer),
+        "; ".join(filter(None, means)),
+    ]
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
-    parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
-    parts += certificate_text(answer)
-    parts += strength_text({"": answers_strength([answer])})
-    parts += notes_text(answer)
-    return "\n\n".join(parts)
+    return "\n\n".join(
+        [
+            "\n".join(head),
+            *(doubt + table for table in _tables(answer)),
+            *certificate_text(answer),
+            *strength_text({"": answers_strength([answer])}),
+            *notes_text(answer),
+        ]
+    )
 
 
 def _tables(answer: Answer) -> Iterator[Table]:
     """Tables of one speed: tooth forces and contact, torques, angles, speeds."""
     topology = answer.topology
-    pair = [("with backlash", 1, 3), ("without", 4, 5)]
     if topology.mesh_names:
-        title = (
-            "Tooth force, kN (elastic and damping; positive on the flank that drives,"
-            " driven by: see Contact)"
-        )
-        yield element_table(title, "mesh", FORCES, answer, groups=pair)
-        yield from peak_table(answer)
-        title = (
-            "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
-            " not drive), impacts a cycle"
-        )
-        contact = [*columns_of("mesh"), ("driven by", _driver, str)]
-        yield element_table(title, "mesh", contact, answer)
-        yield from meshing_table(answer)
-        title = "Torque that a gear passes to its mates, N m"
-        columns = (*_swings("gear_torque"), *columns_of("gear"))
-        yield element_table(title, "gear", columns, answer, groups=pair)
-    if topology.shaft_and_damper_names:
-        backlash = any(topology.mesh_backlash)
-        specs: tuple[Spec, ...] = (
-            _swings("torque")
-            if backlash
-            else (("mean", "torque_mean"), *_linear_swings("torque"))
-        )
-        title = "Torque of shafts and dampers, N m (mean: its size)"
         yield element_table(
-            title,
-            "shaft",
-            (*specs, *columns_of("shaft")),
+            "Tooth force, kN (elastic and damping; positive on the flank that drives,"
+            " driven by: see Contact)",
+            "mesh",
+            FORCES,
             answer,
-            groups=pair if backlash else (),
+        )
+        yield from peak_table(answer)
+        yield element_table(
+            "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
+            " not drive), impacts a cycle",
+            "mesh",
+            [*_listed("mesh"), Column("driven by", str, _driver)],
+            answer,
+        )
+        yield from meshing_table(answer)
+        yield element_table(
+            "Torque that a gear passes to its mates, N m",
+            "gear",
+            [*_swings("gear_torque"), *_listed("gear")],
+            answer,
+        )
+    if topology.shaft_and_damper_names:
+        columns = (_of("mean", "torque_mean"), *_linear_swings("torque"))
+        if any(topology.mesh_backlash):
+            columns = _swings("torque")
+        yield element_table(
+            "Torque of shafts and dampers, N m (mean: its size)",
+            "shaft",
+            (*columns, *_listed("shaft")),
+            answer,
         )
     if not topology.link_names:
         yield element_table(
             "Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer
         )
     if answer.known and answer.response is not None:
-        title = (
+        yield element_table(
             "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean;"
-            " acceleration, rad/s2, half p-p"
+            " acceleration, rad/s2, half p-p",
+            "disk",
+            [*SPEEDS, *_listed("disk"), ACCELERATION],
+            answer,
         )
-        columns = (*SPEEDS, *columns_of("disk"), ACCELERATION)
-        yield element_table(title, "disk", columns, answer)
 
 
 def meshing_table(answer: Answer) -> list[Table]:
@@ -249,8 +256,8 @@ def meshing_table(answer: Answer) -> list[Table]:
     if not names or not answer.known:
         return []
 
-    def whine(k: int) -> Callable[[Answer, str], float]:
-        return lambda answer, name: float(answer.whine(name)[k]) / 1e3
+    def whine(answer: Answer, name: str, k: int) -> float:
+        return float(answer.whine(name)[k]) / 1e3
 
     def error(_: Answer, name: str) -> float:
         if response is None:
@@ -260,20 +267,26 @@ def meshing_table(answer: Answer) -> list[Table]:
     def impacts(_: Answer, name: str) -> float:
         return math.nan if response is None else 1e3 * response.impact_energy(name)
 
-    specs: list[Spec] = [
-        (
+    columns = [
+        Column(
             "mesh Hz",
-            lambda answer, name: answer.mesh_order(name) * answer.rpm / 60,
             "Hz",
+            lambda answer, name: answer.mesh_order(name) * answer.rpm / 60,
+        ),
+        *(Column(f"order {k + 1} kN", "kN", partial(whine, k=k)) for k in range(3)),
+        Column("error p-p um", "um", error),
+        Column("impacts mJ", "mJ", impacts),
+    ]
+    return [
+        element_table(
+            "Gear whine: tooth force at orders of the mesh period; loaded transmission"
+            " error; energy of impacts a cycle",
+            "mesh",
+            columns,
+            answer,
+            names=names,
         )
     ]
-    specs += [(f"order {k + 1} kN", whine(k), "kN") for k in range(3)]
-    specs += [("error p-p um", error, "um"), ("impacts mJ", impacts, "mJ")]
-    title = (
-        "Gear whine: tooth force at orders of the mesh period; loaded transmission"
-        " error; energy of impacts a cycle"
-    )
-    return [element_table(title, "mesh", specs, answer, names=names)]
 
 
 def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
@@ -283,33 +296,36 @@ def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
     if not answer.recorded:
         return []
 
-    def peak(i: int) -> Callable[[Answer, str], float]:
-        return lambda answer, name: answer.force(name).per_cycle.peak[i] / 1e3
+    def peak(answer: Answer, name: str, i: int) -> float:
+        return answer.force(name).per_cycle.peak[i] / 1e3
 
-    specs: list[Spec] = [
-        (f"{percentage} %", peak(i), "kN") for i, percentage in enumerate(PERCENT)
+    columns = [
+        Column(f"{percentage} %", "kN", partial(peak, i=i))
+        for i, percentage in enumerate(PERCENT)
     ]
     title = (
         f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded"
         " cycles stay below"
     )
     if not answer.state.period:  # what repeats has the same extremes in every record
-        specs.append(
-            ("+-", lambda answer, name: answer.force(name).spread.peak / 1e3, "kN")
+        columns.append(
+            Column(
+                "+-", "kN", lambda answer, name: answer.force(name).spread.peak / 1e3
+            )
         )
         title += (
             "; +-: by how\nmuch the largest of another such record would differ (two"
             " standard deviations)"
         )
-    return [element_table(title, "mesh", specs, answer)]
+    return [element_table(title, "mesh", columns, answer)]
 
 
-COMPARED: tuple[Spec, ...] = (
-    ("with", "tooth_force_peak"),
-    ("without", f"tooth_force_peak{WITHOUT}"),
-    ("apart %", "separated_fraction", percent),
-    ("reverse %", "reverse_contact_fraction", percent),
-    ("hit m/s", "hardest_impact", hit),
+COMPARED = (
+    _of("with", "tooth_force_peak"),
+    _of("without", f"tooth_force_peak{WITHOUT}"),
+    _of("apart %", "separated_fraction", percent),
+    _of("reverse %", "reverse_contact_fraction", percent),
+    _of("hit m/s", "hardest_impact", hit),
 )
 """Columns of each of several cases that stand side by side."""
 
@@ -328,25 +344,23 @@ def cases_text(cases: Sequence[Case]) -> str:
         lines = [f"==== {first.rpm:g} rpm ===="]
         for case in cases:
             answer = case.answers[place]
-            balance = balance_line(answer.balance)
-            of_case = filter(None, [*status_lines(answer), balance])
-            lines += [f"  {case.title}", *(f"    {line}" for line in of_case)]
+            of_case = [*status_lines(answer), balance_line(answer.balance)]
+            lines += [f"  {case.title}", *(f"    {line}" for line in of_case if line)]
         parts += ["\n".join(lines), *speed_tables(cases, place)]
-    parts += [
-        text
-        for case in cases
-        for answer in case.answers
-        for text in certificate_text(answer)
-    ]
+    for case in cases:
+        for answer in case.answers:
+            parts += certificate_text(answer)
     return "\n\n".join([*parts, *_below(cases)])
 
 
 def _below(cases: Sequence[Case]) -> list[str]:
     """Stresses, tooth torques and heat of every case beside their limits, and notes."""
-    limits = strength_text(
-        {f"With {case.title}": answers_strength(case.answers) for case in cases}
-    )
-    return limits + notes_text(*(answer for case in cases for answer in case.answers))
+    return [
+        *strength_text(
+            {f"With {case.title}": answers_strength(case.answers) for case in cases}
+        ),
+        *notes_text(*(answer for case in cases for answer in case.answers)),
+    ]
 
 
 def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
@@ -358,50 +372,50 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
     doubts = [f", {answer.doubt.upper()}".removesuffix(", ") for answer in answers]
     titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
-    def table(title: str, quantity: Quantity, specs: Sequence[Spec]) -> Table:
-        width = len(specs)
-        groups = [
-            (case_title, 1 + i * width, (i + 1) * width)
-            for i, case_title in enumerate(titles)
-        ]
+    def table(title: str, quantity: Quantity, columns: Sequence[Column]) -> Table:
         return element_table(
             title,
             quantity.element,
-            specs,
+            columns,
             *answers,
             names=quantity.names,
-            groups=groups,
+            cases=titles,
         )
 
     def swings(quantity: Quantity) -> Table:
         variable = quantity.variable
-        specs: list[Spec] = [
-            ("with", variable),
-            ("without", f"{variable}{WITHOUT}"),
-            ("ratio", against(variable), ratio),
+        columns = [
+            _of("with", variable),
+            _of("without", f"{variable}{WITHOUT}"),
+            _against("ratio", variable),
         ]
-        return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
+        return table(f"{quantity.title}, {quantity.unit}", quantity, columns)
 
     tables = []
     links = train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
-        title = (
+        forces = table(
             "Largest tooth force, kN, with and without backlash; share of the time"
-            " apart and on the reverse flank"
+            " apart and on the reverse flank",
+            quantities.forces(train),
+            COMPARED,
         )
-        tables.append(table(title, quantities.forces(train), COMPARED))
-        for case in cases:
-            tables += peak_table(case.answers[place], f"With {case.title}: l")
-        tables.append(swings(quantities.gear_torques(train)))
+        peaks = [
+            peak
+            for case in cases
+            for peak in peak_table(case.answers[place], f"With {case.title}: l")
+        ]
+        tables += [forces, *peaks, swings(quantities.gear_torques(train))]
     if links or not tables:
         tables.append(
             swings((quantities.shaft_torques if links else quantities.angles)(train))
         )
     turning = quantities.irregularity(train)
+    of_turning = _of("%", turning.variable, irregular)
+    tables.append(table(turning.title, turning, [of_turning]))
     heats = quantities.heat(train)
-    tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
     if heats.names:
-        tables.append(table(heats.title, heats, [("W", heats.variable)]))
+        tables.append(table(heats.title, heats, [_of("W", heats.variable)]))
     return tables
 
 
@@ -527,17 +541,21 @@ def governing_table(cases: Sequence[Case]) -> Table | None:
                 worst.case,
             ]
         )
-    heads: list[Head] = [
-        "element",
-        "judged",
-        ("worst misfire", "number"),
-        "share of its limit",
-        "without it",
-        "at rpm",
-        "that of",
-    ]
-    title = "The misfire with the largest share of the limit, element by element"
-    return from_rows(title, heads, rows, left=(1, 6)) if rows else None
+    if not rows:
+        return None
+    return Table(
+        "The misfire with the largest share of the limit, element by element",
+        [
+            "element",
+            Column("judged", left=True),
+            Column("worst misfire", "number"),
+            "share of its limit",
+            "without it",
+            "at rpm",
+            Column("that of", left=True),
+        ],
+        rows,
+    )
 
 
 def misfires_text(cases: Sequence[Case]) -> str:
@@ -546,16 +564,15 @@ def misfires_text(cases: Sequence[Case]) -> str:
     """
     worst = worst_misfire(cases)
     parts = [
-        (
-            misfire_text(worst, cases[0].title)
-            if worst
-            else "No motion with a misfire is known."
-        )
+        misfire_text(worst, cases[0].title)
+        if worst
+        else "No motion with a misfire is known.",
+        *firing_lines(*(case.answers[0].train for case in cases)),
+        governing_table(cases),
+        *(_speed_table(cases, place) for place in range(len(cases[0].answers))),
+        *_below(cases),
     ]
-    parts += firing_lines(*(case.answers[0].train for case in cases))
-    parts += filter(None, [governing_table(cases)])
-    parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
-    return "\n\n".join(parts + _below(cases))
+    return "\n\n".join(filter(None, parts))
 
 
 def _speed_table(cases: Sequence[Case], place: int) -> Table:
@@ -570,12 +587,21 @@ def _speed_table(cases: Sequence[Case], place: int) -> Table:
         if quantity.element == "mesh":
             row.append(motion_word(hardest.answer))
         rows.append(row + _largest_share(case.answers[place]))
-    heads: list[Head] = ["", (quantity.unit, "number"), ("ratio", ratio), "in"]
-    heads += ["motion"] * (quantity.element == "mesh")
-    heads += ["share of a limit", "that of"] * (len(rows[0]) > len(heads))
-    title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
-    words = [i for i, head in enumerate(heads) if head in ("in", "motion", "that of")]
-    return from_rows(title, heads, rows, left=words)
+    meshing = quantity.element == "mesh"
+    limited = len(rows[0]) > 4 + meshing
+    return Table(
+        f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}",
+        [
+            "",
+            Column(quantity.unit, "number"),
+            Column("ratio", ratio),
+            Column("in", left=True),
+            *[Column("motion", left=True)] * meshing,
+            *["share of a limit"] * limited,
+            *[Column("that of", left=True)] * limited,
+        ],
+        rows,
+    )
 
 
 def _largest_share(answer: Answer) -> list[str]:

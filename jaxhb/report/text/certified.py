@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxhb.report.answer import Answer
-from jaxhb.report.text.columns import from_rows, plain_number
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import plain_number
 from jaxhb.results.bounds import MARGINS, NORM_MARGIN, ROW_SUM_MARGIN, Certificate
 
 _STABLE = {
@@ -29,7 +30,7 @@ def certificate_text(answer: Answer) -> list[str]:
 
 
 def certificate_parts(answer: Answer, certificate: Certificate | str) -> list[str]:
-    """The bound as a paragraph and a :class:`~jaxhb.report.text.columns.Table`; what
+    """The bound as a paragraph and a :class:`~jaxhb.report.table.Table`; what
     failed where there is none. ``certificate`` is a sentence where it was refused.
     """
     if isinstance(certificate, str):
@@ -58,8 +59,9 @@ def certificate_parts(answer: Answer, certificate: Certificate | str) -> list[st
         f" that of a periodic motion of the train\n({MARGINS}; no proof).\nWhether that"
         f" motion is stable: {_STABLE[certificate.stable]}."
     )
-    heads = "mesh", "largest kN", "within kN", ("deflection within um", _up)
-    return [paragraph, from_rows("", heads, rows)]
+    deflection = Column("deflection within um", _up)
+    table = Table("", ["mesh", "largest kN", "within kN", deflection], rows)
+    return [paragraph, table]
 
 
 def _force_and_bound(value: float, bound: float) -> tuple[str, str]:

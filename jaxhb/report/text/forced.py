@@ -19,7 +19,8 @@ from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text.columns import NONE, Groups, Head, Table, from_rows, ratio
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
 from jaxhb.report.text.strength import (
     Share,
@@ -224,23 +225,25 @@ def _speed_table(reading: Reading, converged: np.ndarray) -> Table:
         signal.sum_of_amplitudes,
         *signal.amplitudes[:, places].T,
     ]
-    columns = [
-        np.where(converged, values, np.nan)
-        for values in (*(factor * size for size in sizes), reading.power)
+    values = [
+        np.where(converged, each, np.nan)
+        for each in (*(factor * size for size in sizes), reading.power)
     ]
     names = order_names(train_of(reading.response))
     orders = [f"order {names.number(order)}" for order in signal.orders[places]]
-    heads: list[Head] = ["rpm"]
-    heads += [(head, "size") for head in ("half p-p", "sum", *orders)]
-    heads.append(("heat W", "W"))
     omitted = len(reading.listed()) - len(places)
     note = f"; {omitted} smaller orders are left out" if omitted else ""
-    title = (
-        f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by"
-        f" order{note}"
-    )
     speeds = (f"{speed:g}" for speed in reading.response.rpm)
-    return from_rows(title, heads, list(zip(speeds, *columns, strict=True)))
+    return Table(
+        f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by"
+        f" order{note}",
+        [
+            "rpm",
+            *(Column(head, "size") for head in ("half p-p", "sum", *orders)),
+            Column("heat W", "W"),
+        ],
+        zip(speeds, *values, strict=True),
+    )
 
 
 def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[Table]:
@@ -249,17 +252,16 @@ def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[
     """
     converged = np.asarray(response.converged)
     names = order_names(train_of(response))
-    heads: list[Head] = [
-        ("half p-p", "size"),
-        "at rpm",
-        ("sum", "size"),
-        "at rpm",
-        "order",
-        ("amplitude", "size"),
-        "at rpm",
-        ("heat W", "W"),
+    heads = [
+        Column("half p-p", "size", group="synthesis"),
+        Column("at rpm", group="synthesis"),
+        Column("sum", "size", group="sum of amplitudes"),
+        Column("at rpm", group="sum of amplitudes"),
+        Column("order", group="largest order"),
+        Column("amplitude", "size", group="largest order"),
+        Column("at rpm", group="largest order"),
+        Column("heat W", "W"),
     ]
-    groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
     tables = []
     for of_kind in by_kind(readings) if converged.any() else ():
         factor, _ = of_kind[0].shown
@@ -285,9 +287,7 @@ def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[
                 reading.power.max(),
             ]
             rows.append(row)
-        tables.append(
-            _over_speeds(of_kind, "largest over the speeds", heads, rows, groups)
-        )
+        tables.append(_over_speeds(of_kind, "largest over the speeds", heads, rows))
     return tables
 
 
@@ -302,16 +302,14 @@ def by_kind(readings: Sequence[Reading]) -> list[list[Reading]]:
 def _over_speeds(
     readings: Sequence[Reading],
     caption: str,
-    heads: Sequence[Head],
+    columns: Sequence[Column | str],
     rows: Sequence[Sequence[Any]],
-    groups: Groups = (),
-    left: tuple[int, ...] = (),
 ) -> Table:
     """A table of elements of one kind."""
     kind = readings[0].kind
     title = f"{TITLES[kind]}, {readings[0].shown[1]}: {caption}"
     element = VIBRATIONS[KINDS[kind]].element
-    return from_rows(title, [element, *heads], rows, groups, left)
+    return Table(title, [element, *columns], rows)
 
 
 def forced_record(
@@ -362,16 +360,17 @@ def _record(
         }
 
     def of_element(reading: Reading) -> dict[str, Any]:
-        record = summary(reading.signal) | {
-            "amplitudes": reading.signal.amplitudes[:, listed],
-            "phases_deg": reading.signal.phases_deg[:, listed],
+        signal = reading.signal
+        record = summary(signal) | {
+            "amplitudes": signal.amplitudes[:, listed],
+            "phases_deg": signal.phases_deg[:, listed],
             "power_W": reading.power,
         }
-        if reading.kind != "disks":
-            record["elastic"] = summary(reading.signal.elastic)
-        return record
+        return record | (
+            {} if reading.kind == "disks" else {"elastic": summary(signal.elastic)}
+        )
 
-    record: dict[str, Any] = {
+    return {
         "scene": response.topology.name,
         "rpm": response.rpm,
         "status": [Status(int(status)).name for status in response.status],
@@ -379,14 +378,14 @@ def _record(
         "load_kW": response.load_kW + 0.0,
         "input_power_W": gapped.input_power,
         "orders": all_orders[listed],
-    }
-    for kind in KINDS:
-        record[kind] = {
+    } | {
+        kind: {
             reading.name: of_element(reading)
             for reading in gapped_readings
             if reading.kind == kind
         }
-    return record
+        for kind in KINDS
+    }
 
 
 def forced_rows(
@@ -551,11 +550,8 @@ def hardest_misfire(cases: Mapping[str, ForcedResponse]) -> dict[str, Any] | Non
     ):
         return None
     every = readings(cases[""])
-    worst = worst_of(
-        cases,
-        every,
-        {cylinder: strength(response) for cylinder, response in cases.items()},
-    )
+    strengths = {cylinder: strength(response) for cylinder, response in cases.items()}
+    worst = worst_of(cases, every, strengths)
     return _worst_record(hardest_of(every, worst), worst)
 
 
@@ -601,7 +597,6 @@ def _misfire_parts(
         misfire_text(_worst_record(reading, worst), titles[""], " half peak-to-peak")
         for reading in chosen
     )
-    heads: list[Head] = ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)]
     for reading in chosen:
         factor, unit = reading.shown
         firing, _ = reading.most()
@@ -616,8 +611,11 @@ def _misfire_parts(
                     (value, firing),
                 ]
             )
-        title = f"{reading.name}, {unit}: largest half peak-to-peak over the speeds"
-        yield from_rows(title, heads, rows)
+        yield Table(
+            f"{reading.name}, {unit}: largest half peak-to-peak over the speeds",
+            ["", Column("half p-p", "size"), "at rpm", Column("ratio", ratio)],
+            rows,
+        )
     if not each:
         yield from misfire_tables(readings, worst, titles[""])
 
@@ -650,17 +648,20 @@ def misfire_tables(
                 rows[-1].append(
                     f"{share.share:.2f}, {share.kind.called}" if share else NONE
                 )
-        heads: list[Head] = [
-            (firing, "size"),
-            ("worst misfire", "size"),
-            ("ratio", ratio),
-            "at rpm",
-            "that of",
-        ]
-        heads += ["share of its limit"] * limited
         by = " (of elements with limits: of the largest share)" * limited
-        caption = f"largest half peak-to-peak over the speeds{by}"
-        yield _over_speeds(of_kind, caption, heads, rows, left=(5, 6))
+        yield _over_speeds(
+            of_kind,
+            f"largest half peak-to-peak over the speeds{by}",
+            [
+                Column(firing, "size"),
+                Column("worst misfire", "size"),
+                Column("ratio", ratio),
+                "at rpm",
+                Column("that of", left=True),
+                *[Column("share of its limit", left=True)] * limited,
+            ],
+            rows,
+        )
 
 
 def _worst_record(

@@ -15,9 +15,10 @@ from jaxhb.design.identification import (
 )
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, Table, count, from_rows, plain_number
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
-from jaxhb.report.text.tuned import parameter_unit
+from jaxhb.report.text.tuned import bounds_text, parameter_unit
 from jaxhb.results.quantities import MEASURED
 
 
@@ -27,11 +28,6 @@ def identified_text(fit: Identification) -> str:
     """
     measured = fit.measured
     speeds = len(np.unique(measured.rpm))
-    head = (
-        f"{fit.train.topology.title}: {len(measured.rpm)} measured amplitudes at"
-        f" {speeds} speeds, {int(np.isfinite(measured.phase).sum())} with a phase;"
-        f" {len(fit.parameters)} numbers fitted."
-    )
     explained = goodness(fit)
     if fit.misfit > MOST_MISFIT:
         explained += " Intervals are as much wider, and something is not in the scene."
@@ -45,14 +41,15 @@ def identified_text(fit: Identification) -> str:
     if pairs:
         remarks.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
     remarks += [f"Left out: {sentence}" for sentence in fit.left_out]
-    names = order_names(fit.train)
     computed = {"scene off, %": fit.before_computed, "fitted off, %": fit.computed}
     return "\n\n".join(
         [
-            "\n".join([head, explained]),
+            f"{fit.train.topology.title}: {len(measured.rpm)} measured amplitudes at"
+            f" {speeds} speeds, {int(np.isfinite(measured.phase).sum())} with a phase;"
+            f" {len(fit.parameters)} numbers fitted.\n{explained}",
             _numbers(fit),
             *remarks_text(remarks, ""),
-            _residuals(fit, computed, names),
+            _residuals(fit, computed, order_names(fit.train)),
         ]
     )
 
@@ -73,28 +70,37 @@ def goodness(fit: Identification | WeakCylinder) -> str:
 
 def _numbers(fit: Identification) -> Table:
     """A row for every fitted number: before and after, its deviation and bounds."""
-    rows = []
-    for parameter, before, value, std in zip(
-        fit.parameters, fit.before, fit.values, fit.std, strict=True
-    ):
-        if parameter.name in fit.open:
-            remark = "open"
-        else:
-            remark = "at its bound" if parameter.name in fit.at_bound else ""
-        rows.append(
-            [
-                parameter.name,
-                plain_number(before),
-                plain_number(value),
-                count(std),
-                f"{100 * std / abs(value):.1f}",
-                parameter_unit(fit.train, parameter.name) or NONE,
-                f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
-                remark,
-            ]
+    rows = [
+        [
+            parameter.name,
+            before,
+            value,
+            std,
+            100 * std / abs(value),
+            parameter_unit(fit.train, parameter.name) or NONE,
+            bounds_text(parameter),
+            "open"
+            if parameter.name in fit.open
+            else "at its bound" * (parameter.name in fit.at_bound),
+        ]
+        for parameter, before, value, std in zip(
+            fit.parameters, fit.before, fit.values, fit.std, strict=True
         )
-    heads = ["number", "scene", "fitted", "+- (1 deviation)", "%", "unit", "bounds", ""]
-    return from_rows("Numbers", heads, rows, left=(7,))
+    ]
+    return Table(
+        "Numbers",
+        [
+            "number",
+            Column("scene", plain_number),
+            Column("fitted", plain_number),
+            Column("+- (1 deviation)", count),
+            Column("%", "{:.1f}".format),
+            "unit",
+            "bounds",
+            Column("", left=True),
+        ],
+        rows,
+    )
 
 
 def _residuals(
@@ -141,8 +147,11 @@ def _residuals(
                 *(f"{off:.1f}" for off in offs),
             ]
         )
-    heads = ["measured", "order", "root mean square", *computed]
-    return from_rows("Residuals over the speeds", heads, rows)
+    return Table(
+        "Residuals over the speeds",
+        ["measured", "order", "root mean square", *computed],
+        rows,
+    )
 
 
 def identified_record(fit: Identification) -> dict[str, Any]:
@@ -187,26 +196,29 @@ def weak_text(fit: WeakCylinder, names: OrderNames = NUMBERS) -> str:
     """Say which cylinder is weak, that none is, or that no cylinder alone explains the
     measurements.
     """
-    rows = [
+    percent = "{:.1f}".format
+    table = Table(
+        "Weak cylinder",
         [
-            name,
-            f"{100 * factor:.1f}",
-            f"{100 * std:.1f}",
-            count(evidence),
-            "at its bound" * (name in fit.at_bound),
-        ]
-        for name, factor, std, evidence in zip(
-            fit.names, fit.gas_factor, fit.std, fit.evidence, strict=True
-        )
-    ]
-    heads = [
-        "cylinder, if it alone differs",
-        "burns, %",
-        "+-",
-        "worse than the first by (chi-square)",
-        "",
-    ]
-    table = from_rows("Weak cylinder", heads, rows, left=(4,))
+            "cylinder, if it alone differs",
+            Column("burns, %", percent),
+            Column("+-", percent),
+            Column("worse than the first by (chi-square)", count),
+            Column("", left=True),
+        ],
+        [
+            [
+                name,
+                100 * factor,
+                100 * std,
+                evidence,
+                "at its bound" * (name in fit.at_bound),
+            ]
+            for name, factor, std, evidence in zip(
+                fit.names, fit.gas_factor, fit.std, fit.evidence, strict=True
+            )
+        ],
+    )
     first = fit.names[0]
     share = f"{100 * fit.gas_factor[0]:.0f} % of what the others do"
     if not fit.explains:

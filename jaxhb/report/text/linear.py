@@ -23,14 +23,8 @@ from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
 from jaxhb.report.orders import OrderNames
-from jaxhb.report.text.columns import (
-    NONE,
-    Table,
-    fixed,
-    from_rows,
-    percent,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
 
@@ -75,12 +69,21 @@ def modes_text(
         rows.append(
             [k, fixed(hz, 2), fixed(60 * hz, 0), nodes, damping, *in_teeth, moving]
         )
-    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio"]
-    heads += ["in teeth %"] * bool(teeth)
-    heads.append("largest angles, on own shafts, the largest 1")
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
-    return from_rows(title, heads, rows, left=(len(heads) - 1,))
+    return Table(
+        title,
+        [
+            "mode",
+            "Hz",
+            "per minute",
+            "nodes",
+            "damping ratio",
+            *["in teeth %"] * bool(teeth),
+            Column("largest angles, on own shafts, the largest 1", left=True),
+        ],
+        rows,
+    )
 
 
 def in_contact(train: DriveTrain) -> str:
@@ -95,16 +98,17 @@ def energies_text(modes: Modes, kinds: Sequence[str]) -> list[Table]:
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
     if not shown:
         return []
-    kinetic = ("Kinetic", "disk", modes.names, modes.kinetic_share)
-    strain = ("Strain", "link", modes.link_names, modes.strain_share)
-    heads = [f"mode {k}" for k in shown]
+    columns = [Column(f"mode {k}", percent) for k in shown]
     return [
         Table(
             f"{energy} energy of the first elastic modes, %",
-            [head, *heads],
-            [names, *(list(map(percent, share[k])) for k in shown)],
+            [head, *columns],
+            zip(names, *share[shown], strict=True),
         )
-        for energy, head, names, share in (kinetic, strain)
+        for energy, head, names, share in (
+            ("Kinetic", "disk", modes.names, modes.kinetic_share),
+            ("Strain", "link", modes.link_names, modes.strain_share),
+        )
     ]
 
 
@@ -294,23 +298,19 @@ def mean_load_record(load: MeanLoad, rpm: float) -> dict[str, Any]:
     stiffness, engagement 0 to 1; and on shafts or dampers with stages, stops, clearance
     or friction: torque, twist, tangent stiffness.
     """
-    of_meshes = {
-        "force": load.force,
-        "stiffness": load.stiffness,
-        "engagement": load.engagement,
-    }
-    of_links = {
-        "torque": load.torque,
-        "twist": load.twist,
-        "stiffness": load.link_stiffness,
-    }
+    of_meshes = zip(
+        load.names, load.force, load.stiffness, load.engagement, strict=True
+    )
+    of_links = zip(
+        load.links, load.torque, load.twist, load.link_stiffness, strict=True
+    )
     rows = {
-        name: {key: values[i] for key, values in of_meshes.items()}
-        for i, name in enumerate(load.names)
+        name: {"force": force, "stiffness": stiffness, "engagement": engagement}
+        for name, force, stiffness, engagement in of_meshes
     }
     rows |= {
-        name: {key: values[i] for key, values in of_links.items()}
-        for i, name in enumerate(load.links)
+        name: {"torque": torque, "twist": twist, "stiffness": stiffness}
+        for name, torque, twist, stiffness in of_links
     }
     return {"at_rpm": rpm, "mean_load": rows}
 
@@ -359,12 +359,14 @@ def holzer_text(
     """
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
-    head = (
-        f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc N m/rad,"
-        f" sum/c rad{meshes}. Energies of disk and link in % of the kinetic"
-        " energy.\nThe sum of a row passes through its link."
+    return "\n\n".join(
+        [
+            f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
+            f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
+            " kinetic energy.\nThe sum of a row passes through its link.",
+            *(_holzer_table(mode, table) for mode, table in tables),
+        ]
     )
-    return "\n\n".join([head, *(_holzer_table(mode, table) for mode, table in tables)])
 
 
 def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
@@ -378,7 +380,6 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         [f"{100 * share:.1f}" for share in energy / kinetic]
         for energy in (table.kinetic_energy, table.strain_energy)
     )
-    # Behind the last disk is no link.
     columns = {
         "disk": table.names,
         "J": inertia,
@@ -386,17 +387,22 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         "J w2 theta": torque,
         "sum": torque_sum,
         "disk %": of_disk,
-        "link": [*table.links[:-1], NONE],
-        "c": [*stiffness[:-1], NONE],
-        "sum/c": [*twist[:-1], NONE],
-        "link %": [*of_link[:-1], NONE],
+    }
+    # Behind the last disk is no link.
+    columns |= {
+        head: [*cells[:-1], NONE]
+        for head, cells in {
+            "link": table.links,
+            "c": stiffness,
+            "sum/c": twist,
+            "link %": of_link,
+        }.items()
     }
     number = "" if mode is None else f"mode {mode}, "
     return Table(
         f"{number}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m",
-        list(columns),
-        list(columns.values()),
-        left=(6,),
+        [Column(head, left=head == "link") for head in columns],
+        zip(*columns.values(), strict=True),
     )
 
 
@@ -460,17 +466,16 @@ def campbell_parts(
         [k, *(f"{column[k]:.2f}" for column in columns.values()), diagram.kinds[k]]
         for k in shown
     ]
-    title = (
+    modes = Table(
         "Natural frequencies; rigid modes and those of rings only have no critical"
-        " speeds"
+        " speeds",
+        ["mode", *columns, Column("kind", left=True)],
+        rows,
     )
-    heads = ["mode", *columns, "kind"]
-    modes = from_rows(title, heads, rows, left=(len(heads) - 1,))
     parts = [modes, *_left_out(diagram, count)]
     orders = ", ".join(map(names.number, diagram.orders)) or "none"
     if not diagram.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
-    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     rows = [
         [
             f"{critical.rpm:.1f}",
@@ -481,13 +486,23 @@ def campbell_parts(
         ]
         for critical in diagram.critical
     ]
-    if misfires:
-        heads += ["worst misfire N m", "that of"]
-        for place, row in enumerate(rows):
-            cylinder, torque = _worst_at(place, misfires)
-            row += [plain_number(torque), cylinder]
-    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
-    return [*parts, from_rows(title, heads, rows, left=(6,))]
+    for place, row in enumerate(rows if misfires else ()):
+        cylinder, torque = _worst_at(place, misfires)
+        row += [plain_number(torque), cylinder]
+    critical_speeds = Table(
+        f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}.",
+        [
+            "rpm",
+            "order",
+            "mode",
+            "Hz",
+            "modal torque N m",
+            *["worst misfire N m"] * bool(misfires),
+            *[Column("that of", left=True)] * bool(misfires),
+        ],
+        rows,
+    )
+    return [*parts, critical_speeds]
 
 
 def _worst_at(place: int, misfires: Mapping[str, Campbell]) -> tuple[str, float]:

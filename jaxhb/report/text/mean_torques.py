@@ -112,12 +112,10 @@ def _noted(responses: Sequence[Response], torques: Sequence[float]) -> str:
         for i, torque in enumerate(torques)
         if torque > rounding and above(torque, responses[i])
     ]
-    worst = max(places, key=torques.__getitem__, default=None)
-    return (
-        ""
-        if worst is None
-        else f"{plain_number(torques[worst])} N m{speed_of(responses, worst)}"
-    )
+    if not places:
+        return ""
+    worst = max(places, key=torques.__getitem__)
+    return f"{plain_number(torques[worst])} N m{speed_of(responses, worst)}"
 
 
 def torque_notes(responses: Sequence[Response]) -> list[str]:

@@ -2,6 +2,7 @@
 notes, referred numbers.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,14 +16,8 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import sample
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.linear.strength import train_of
-from jaxhb.report.text.columns import (
-    NONE,
-    Head,
-    Table,
-    fixed,
-    from_rows,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, fixed, plain_number
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
@@ -68,10 +63,13 @@ def referred_tables(train: DriveTrain) -> list[Table]:
         disks["k N m/rad"] = stiffness
         disks["k i^2"] = stiffness * numbers.factor**2
     more = ", damping and stiffness to ground" * (len(disks) > 4)
-    title = (
-        f"{topology.title}: inertias{more}, actual and referred to the reference rotor"
-    )
-    tables = [_numbers(title, disks)]
+    tables = [
+        _numbers(
+            f"{topology.title}: inertias{more}, actual and referred to the reference"
+            " rotor",
+            disks,
+        )
+    ]
     if numbers.links:
         kinds = [
             kind
@@ -90,23 +88,29 @@ def referred_tables(train: DriveTrain) -> list[Table]:
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
             links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
-        title = (
-            "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
-            " factor is i x radius in m"
+        tables.append(
+            _numbers(
+                "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
+                " factor is i x radius in m",
+                links,
+                left="",
+            )
         )
-        tables.append(_numbers(title, links, left=(1,)))
     return [*tables, *_order_table(train, numbers), *_varying_table(train, numbers)]
 
 
 def _numbers(
-    title: str, columns: Mapping[str, Sequence[Any] | Array], left: tuple[int, ...] = ()
+    title: str, columns: Mapping[str, Sequence[Any] | Array], left: str | None = None
 ) -> Table:
-    """A table of columns by their heads: names, and numbers of six digits."""
-    cells = [
-        [cell if isinstance(cell, str) else f"{cell:.6g}" for cell in column]
-        for column in columns.values()
-    ]
-    return Table(title, list(columns), cells, left=left)
+    """A table of columns by their heads: names, and numbers of six digits; ``left`` is
+    the head of words.
+    """
+
+    def six_digits(cell: str | float) -> str:
+        return cell if isinstance(cell, str) else f"{cell:.6g}"
+
+    specs = [Column(head, six_digits, left=head == left) for head in columns]
+    return Table(title, specs, zip(*columns.values(), strict=True))
 
 
 def _order_table(train: DriveTrain, numbers: Referred) -> list[Table]:
@@ -118,25 +122,26 @@ def _order_table(train: DriveTrain, numbers: Referred) -> list[Table]:
     rings = len(train.disks.inertia) + tuned
     rate = numbers.order_referred[tuned] * 2 * np.pi / 60
     growth = numbers.inertia[rings] * rate**2
-    columns = {
-        "link": [names[i] for i in tuned],
-        "order n": numbers.order[tuned],
-        "n i": numbers.order_referred[tuned],
-        "N m/rad/rpm2": growth,
-        "i^2 of it": growth * numbers.factor[rings] ** 2,
-    }
-    title = (
-        "Order-tuned dampers: stiffness that is added per square of the speed of the"
-        " reference rotor"
-    )
-    return [_numbers(title, columns)]
+    return [
+        _numbers(
+            "Order-tuned dampers: stiffness that is added per square of the speed of"
+            " the reference rotor",
+            {
+                "link": [names[i] for i in tuned],
+                "order n": numbers.order[tuned],
+                "n i": numbers.order_referred[tuned],
+                "N m/rad/rpm2": growth,
+                "i^2 of it": growth * numbers.factor[rings] ** 2,
+            },
+        )
+    ]
 
 
 def _varying_table(train: DriveTrain, numbers: Referred) -> list[Table]:
     """The table of links that vary, as stiffness and damping, in a list."""
     topology = train.topology
     shafts = len(train.topology.shaft_names)
-    rows = []
+    columns: dict[str, list] = defaultdict(list)
     for field, links in (
         ("over_hz", topology.hz_links),
         ("over_amplitude", topology.amplitude_links),
@@ -148,39 +153,31 @@ def _varying_table(train: DriveTrain, numbers: Referred) -> list[Table]:
             for place, stiffer, damped in dict.fromkeys(knots):
                 stiffness = stiffer * numbers.stiffness[i]
                 damping = damped * numbers.damping[i]
-                row = [
-                    numbers.links[i],
-                    field,
-                    place,
+                row = {
+                    "link": numbers.links[i],
+                    "over": field,
+                    "at": place,
                     # Angles referred to the reference rotor are phi / i; frequencies
                     # are the same for all.
-                    place if field == "over_hz" else place / factor,
-                    stiffness,
-                    stiffness * factor**2,
-                    damping,
-                    damping * factor**2,
-                    damped * table.loss_factor[k],
-                ]
-                rows.append(row)
-    if not rows:
+                    "referred": place if field == "over_hz" else place / factor,
+                    "k N m/rad": stiffness,
+                    "k i^2": stiffness * factor**2,
+                    "r N m s/rad": damping,
+                    "r i^2": damping * factor**2,
+                    "loss factor": damped * table.loss_factor[k],
+                }
+                for head, cell in row.items():
+                    columns[head].append(cell)
+    if not columns:
         return []
-    title = (
-        "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or"
-        " amplitudes (rad) of their rows"
-    )
-    heads = [
-        "link",
-        "over",
-        "at",
-        "referred",
-        "k N m/rad",
-        "k i^2",
-        "r N m s/rad",
-        "r i^2",
-        "loss factor",
+    return [
+        _numbers(
+            "Links that vary: stiffness, damping and loss factor at the frequencies"
+            " (Hz) or amplitudes (rad) of their rows",
+            columns,
+            left="over",
+        )
     ]
-    columns = dict(zip(heads, zip(*rows, strict=True), strict=True))
-    return [_numbers(title, columns, left=(1,))]
 
 
 def own_speeds(train: DriveTrain) -> list[float] | None:
@@ -275,11 +272,8 @@ def check_text(
     torque depends on them.
     """
     topology = train.topology
-    heads: list[tuple[str, str]] = (
-        [(f"at {rpm:g} rpm", "mean") for rpm in speeds]
-        if speeds
-        else [("at any speed", "mean")]
-    )
+    places = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
+    means = [Column(place, "mean") for place in places]
     verdict = (
         f"{len(notes)} note{'s' * (len(notes) != 1)} below"
         if notes
@@ -291,41 +285,48 @@ def check_text(
         [name, disk, *means] for name, disk, means in torque_rows(train, responses)
     ]
     if torques:
-        title = "Mean torque on the disk's own shaft, N m (positive: drives)"
-        parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
+        parts.append(
+            Table(
+                "Mean torque on the disk's own shaft, N m (positive: drives)",
+                ["", Column("disk", left=True), *means],
+                torques,
+            )
+        )
     parts += _charge_table(
-        train, [float(response.rpm) for response in responses], heads
+        train, [float(response.rpm) for response in responses], places
     )
     ratios = tooth_damping_ratios(train)
-    rows = []
-    for i, name in enumerate(topology.mesh_names):
-        backlash = NONE
-        if topology.mesh_backlash[i]:
-            backlash = f"{1e3 * train.meshes.backlash[i]:.4g}"
-        rows.append(
-            [
-                name,
-                *(1e-3 * abs(mean) for mean in _means(responses, name)),
-                _drivers(responses, i),
-                backlash,
-                fixed(float(ratios[i]), 4),
-            ]
+    rows = [
+        [
+            name,
+            *(1e-3 * abs(mean) for mean in _means(responses, name)),
+            _drivers(responses, i),
+            f"{1e3 * backlash:.4g}" if topology.mesh_backlash[i] else NONE,
+            fixed(float(ratios[i]), 4),
+        ]
+        for i, (name, backlash) in enumerate(
+            zip(topology.mesh_names, train.meshes.backlash, strict=True)
         )
+    ]
     if rows:
-        title = (
-            "Mean tooth force, kN, backlash, and damping ratio of the two gears alone"
+        parts.append(
+            Table(
+                "Mean tooth force, kN, backlash, and damping ratio of the two gears"
+                " alone",
+                ["mesh", *means, "driven by", "backlash mm", "damping ratio"],
+                rows,
+            )
         )
-        mesh_heads: list[Head] = ["mesh", *heads]
-        mesh_heads += ["driven by", "backlash mm", "damping ratio"]
-        parts.append(from_rows(title, mesh_heads, rows))
     meshing = _over_period(train)
     if meshing:
-        title = (
-            "Over the mesh period: order of the reference rotor, stiffness in % of its"
-            " mean, errors of all kinds"
+        parts.append(
+            Table(
+                "Over the mesh period: order of the reference rotor, stiffness in % of"
+                " its mean, errors of all kinds",
+                ["mesh", "order", "least %", "most %", "error p-p um"],
+                meshing,
+            )
         )
-        period_heads = ["mesh", "order", "least %", "most %", "error p-p um"]
-        parts.append(from_rows(title, period_heads, meshing))
     return parts
 
 
@@ -376,7 +377,7 @@ def charges_of(
 
 
 def _charge_table(
-    train: DriveTrain, speeds: Sequence[float], heads: Sequence[tuple[str, str]]
+    train: DriveTrain, speeds: Sequence[float], places: Sequence[str]
 ) -> list[Table]:
     """A row for cylinders with the same loads and charge pressures, in a list; empty
     where all run at full load.
@@ -391,16 +392,18 @@ def _charge_table(
         [names_of(names, range(len(names))), *load, *charge]
         for (load, charge), names in alike.items()
     ]
-    title = (
-        "Load (share of the mean effective pressure at full load) and charge pressure,"
-        " bar, of the combustion"
-    )
-    columns = [
-        (f"{called} {head}", called)
-        for called in ("load", "charge")
-        for head, _ in heads
+    return [
+        Table(
+            "Load (share of the mean effective pressure at full load) and charge"
+            " pressure, bar, of the combustion",
+            [
+                "cylinder",
+                *(Column(f"load {place}", "load") for place in places),
+                *(Column(f"charge {place}", "charge") for place in places),
+            ],
+            rows,
+        )
     ]
-    return [from_rows(title, ["cylinder", *columns], rows)]
 
 
 def check_record(
@@ -441,15 +444,14 @@ def _counts(topology: Topology) -> str:
     numbers = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
     for kind in ("shaft", "mesh", "damper", "cylinder"):
         numbers[kind] = len(topology.names_of(kind))
-    texts = []
-    for kind, number in numbers.items():
-        if number:
-            plural = "es" if kind == "mesh" else "s"
-            text = f"{number} {kind}{plural * (number != 1)}"
-            if kind == "mesh":
-                text += f" ({sum(topology.mesh_backlash)} with backlash)"
-            texts.append(text)
-    return ", ".join(texts)
+    texts = {
+        kind: f"{number} {kind}{('es' if kind == 'mesh' else 's') * (number != 1)}"
+        for kind, number in numbers.items()
+        if number
+    }
+    if "mesh" in texts:
+        texts["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
+    return ", ".join(texts.values())
 
 
 def torque_rows(
@@ -461,20 +463,16 @@ def torque_rows(
     topology = train.topology
     speeds = np.array([response.rpm for response in responses], dtype=float)
     means = mean_torques(train, speeds).T.tolist()
+    loads = [torques_of(response, "load") for response in responses]
+    grounds = [torques_of(response, "ground") for response in responses]
+    means += [[load[name] for load in loads] for name in topology.load_names]
+    means += [[-ground[name] for ground in grounds] for name in topology.ground_names]
     names = [
         *(name for seats in topology.excitations for name in seats.names),
         *topology.load_names,
         *topology.ground_names,
     ]
-    seats = [
-        *excited_disks(topology),
-        *topology.load_disk,
-        *topology.ground_disk,
-    ]
-    loads = [torques_of(response, "load") for response in responses]
-    grounds = [torques_of(response, "ground") for response in responses]
-    means += [[load[name] for load in loads] for name in topology.load_names]
-    means += [[-ground[name] for ground in grounds] for name in topology.ground_names]
+    seats = [*excited_disks(topology), *topology.load_disk, *topology.ground_disk]
     return [
         (name, topology.disk_names[seat], row)
         for name, seat, row in zip(names, seats, means, strict=True)

@@ -44,13 +44,13 @@ def _stability_text(answer: Answer) -> str:
     span = "a cycle" if period <= 1 else f"{period} cycles"
     if stability is None:
         return f"stability not decided: {answer.undecided}" if answer.undecided else ""
-    if answer.unstable:
-        cause = f" ({stability.loses_by})" if stability.loses_by else ""
-        return (
-            f"UNSTABLE{cause}: a disturbance grows {stability.largest:.3g} times in"
-            f" {span}; the train does not run in it"
-        )
-    return f"stable: a disturbance {fall_text(stability.largest)} in {span}"
+    if not answer.unstable:
+        return f"stable: a disturbance {fall_text(stability.largest)} in {span}"
+    cause = f" ({stability.loses_by})" if stability.loses_by else ""
+    return (
+        f"UNSTABLE{cause}: a disturbance grows {stability.largest:.3g} times in {span};"
+        " the train does not run in it"
+    )
 
 
 def motion_text(answer: Answer) -> str:
@@ -91,17 +91,11 @@ def _spread_text(record: Record) -> str:
 def motion_word(answer: Answer) -> str:
     """The kind of motion in a word or two, for a column of a table."""
     state = answer.state
-    if answer.orbit:
-        words = [status_word(answer)]
-    elif state.kind == "subharmonic":
-        words = [f"period {state.period}"]
-    else:
-        words = [state.kind]
+    word = f"period {state.period}" if state.kind == "subharmonic" else state.kind
+    words = [status_word(answer) if answer.orbit else word]
     if answer.doubt and not answer.orbit:
         words.append(answer.doubt if answer.answered else status_word(answer))
-    if answer.unstable:
-        words.append("UNSTABLE")
-    return ", ".join(words)
+    return ", ".join([*words, *["UNSTABLE"] * answer.unstable])
 
 
 def status_word(answer: Answer) -> str:
@@ -370,13 +364,12 @@ def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> lis
     it stands at the lowest place.
     """
     alike: dict[str, list[tuple[float, str]]] = {}
-    sentences = []
     for place, note in sorted(notes_of, key=lambda pair: pair[0]):
         pattern = _VALUE.sub(lambda value: value["name"] or "#", note)
         alike.setdefault(pattern, []).append((place, note))
-    for pairs in alike.values():
-        place, note = pairs[0]
-        elsewhere = {other for other, _ in pairs} - {place}
+    sentences = []
+    for (place, note), *others in alike.values():
+        elsewhere = {other for other, _ in others} - {place}
         also = f" (alike at {_places(elsewhere, axis)})" if elsewhere else ""
         sentences.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
     return sentences
@@ -424,12 +417,9 @@ def warnings(answers: Iterable[Answer]) -> list[str]:
     for answer in answers:
         if answer.answered:
             continue
-        if answer.status is None:
-            failure = (
-                "the kind of motion is unknown:"
-                f" {'; '.join(answer.state.notes).removesuffix('.')}"
-            )
-        else:
+        notes = "; ".join(answer.state.notes).removesuffix(".")
+        failure = f"the kind of motion is unknown: {notes}"
+        if answer.status is not None:
             failure = f"{answer.status.name}, {_remedy(answer)}"
         failed.setdefault(failure, []).append(answer)
     return [f"{speeds_text(alike)}: {failure}." for failure, alike in failed.items()]

@@ -23,15 +23,8 @@ from jaxhb.linear.strength import (
 )
 from jaxhb.report.answer import UNCONFIRMED, Answer
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import (
-    DOUBT,
-    NONE,
-    Doubtful,
-    Head,
-    Table,
-    from_rows,
-    ratio,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, ratio
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -87,31 +80,35 @@ class Limited:
         return float(shares[place]), place
 
 
-_STRESS = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
-_TORQUE = (
-    "Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the"
-    f" rated torque ({AID})"
-)
-_CONTINUOUS = {"continuous": "continuous limit", "transient": "transient limit"}
-_OF_STRESS = {"stress": ("stress", "stress")} | {
-    field: (called, called) for field, called in _CONTINUOUS.items()
-}
-_OF_TORQUE = {
-    "vibratory": ("vibratory", "vibratory torque"),
-    "limit": ("limit", "limit of vibratory torque"),
-}
-_OF_TORQUE |= {"mean": ("mean", "mean torque")}
-_OF_HEAT = {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")}
 LIMITED = {
-    "stresses": Limited(_STRESS, "shaft", "Pa", _OF_STRESS, _CONTINUOUS),
+    "stresses": Limited(
+        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
+        "shaft",
+        "Pa",
+        {
+            "stress": ("stress", "stress"),
+            "continuous": ("continuous limit", "continuous limit"),
+            "transient": ("transient limit", "transient limit"),
+        },
+        {"continuous": "continuous limit", "transient": "transient limit"},
+    ),
     "tooth_torques": Limited(
-        _TORQUE, "mesh", "N m", _OF_TORQUE, {"limit": "a third of the rated torque"}
+        "Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of"
+        f" the rated torque ({AID})",
+        "mesh",
+        "N m",
+        {
+            "vibratory": ("vibratory", "vibratory torque"),
+            "limit": ("limit", "limit of vibratory torque"),
+            "mean": ("mean", "mean torque"),
+        },
+        {"limit": "a third of the rated torque"},
     ),
     "heat": Limited(
         f"Heat of shafts and dampers, W ({AID})",
         "shaft or damper",
         "W",
-        _OF_HEAT,
+        {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
         {"limit": "limit"},
     ),
 }
@@ -197,24 +194,22 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
     headings ("" without one).
     """
     parts: list[str] = []
-    sources = {}
+    sources: dict[str, None] = {}
     for title, strength in strengths.items():
         blocks: list[str] = [
             _table(strength, kind) for kind in LIMITED if getattr(strength, kind)
         ]
         if any(row.continuous is not None for row in strength.stresses.values()):
-            for rule in strength.judged:
-                sources[rule] = RULES[rule].note.format(
-                    source=RULES[rule].source, rated=strength.rated_rpm
-                )
-            if len(strength.rpm) > 1:
-                blocks += [_barred_text(strength, rule) for rule in strength.judged]
+            for name in strength.judged:
+                rule = RULES[name]
+                note = rule.note.format(source=rule.source, rated=strength.rated_rpm)
+                sources[note] = None
+                if len(strength.rpm) > 1:
+                    blocks.append(_barred_text(strength, name))
         if title and blocks:
-            parts.append(f"{title}\n{blocks[0]}")
-            parts += blocks[1:]
-        else:
-            parts += blocks
-    return parts + list(dict.fromkeys(sources.values()))
+            blocks[0] = f"{title}\n{blocks[0]}"
+        parts += blocks
+    return [*parts, *sources]
 
 
 def _table(strength: Strength, kind: str) -> Table:
@@ -235,31 +230,28 @@ def _table(strength: Strength, kind: str) -> Table:
 
     for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
-        doubtful = (
-            place is not None
-            and strength.unconfirmed is not None
-            and strength.unconfirmed[place]
-        )
-        cells = [number(getattr(row, field), place) for field in limited.heads]
-        if doubtful:
-            cells[0] = Doubtful(cells[0])
+        first, *others = (number(getattr(row, field), place) for field in limited.heads)
+        if place is not None and strength.unconfirmed is not None:
+            first = Doubtful(first) if strength.unconfirmed[place] else first
         at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
-        reverses = []
+        cells = [name, first, *at_rpm, *others, (first, others[0])]
         if kind == "tooth_torques":
-            reverses.append(_where(np.asarray(rpm), row.reverses))
-        share = cells[0], cells[1]
-        rows.append([name, cells[0], *at_rpm, *cells[1:], share, *reverses])
-    numbers = [(head, "number") for head, _ in limited.heads.values()]
-    heads: list[Head] = [
-        limited.element,
-        numbers[0],
-        *["at rpm"] * several,
-        *numbers[1:],
-    ]
-    heads += [("share", ratio), *["reverses"] * (kind == "tooth_torques")]
+            cells.append(_where(np.asarray(rpm), row.reverses))
+        rows.append(cells)
+    numbers = [Column(head, "number") for head, _ in limited.heads.values()]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
-    title = f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title
-    return from_rows(title, heads, rows)
+    return Table(
+        f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title,
+        [
+            limited.element,
+            numbers[0],
+            *["at rpm"] * several,
+            *numbers[1:],
+            Column("share", ratio),
+            *["reverses"] * (kind == "tooth_torques"),
+        ],
+        rows,
+    )
 
 
 def _where(rpm: np.ndarray, happens: np.ndarray) -> str:
@@ -347,16 +339,8 @@ def _range_text(
     """One barred range of a shaft as a line; above the ``share`` of the rated speed the
     rule accepts none.
     """
-    low = f"{barred_range.low:.4g}"
-    high = f"{barred_range.high:.4g}"
-    if barred_range.open_below:
-        low = f"{low} or below"
-    if barred_range.open_above:
-        high = f"{high} or above"
-    line = (
-        f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
-        f" limit at {barred_range.at:g} rpm"
-    )
+    low = f"{barred_range.low:.4g}{' or below' * barred_range.open_below}"
+    high = f"{barred_range.high:.4g}{' or above' * barred_range.open_above}"
     passing = (
         "within the transient limit"
         if barred_range.passable
@@ -367,7 +351,10 @@ def _range_text(
         if barred_range.high > share * rated_rpm
         else ""
     )
-    return f"{line}, {passing}{late}"
+    return (
+        f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
+        f" limit at {barred_range.at:g} rpm, {passing}{late}"
+    )
 
 
 def strength_record(

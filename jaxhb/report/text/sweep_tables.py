@@ -4,22 +4,22 @@ downwards.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from operator import methodcaller
 
 from jaxhb._shown import ranges
 from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer
 from jaxhb.report.quantities import Quantity, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
+from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import (
     DOUBT,
     NONE,
-    Groups,
-    Table,
+    Doubtful,
     Way,
     hit,
     irregular,
     percent,
-    written,
 )
 from jaxhb.report.text.sentences import (
     firing_lines,
@@ -36,11 +36,6 @@ BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 
 # Difference of largest tooth forces from which two motions are told as different
 APART = 0.02
-
-Spec = tuple[str, Callable[[Answer], Any], Way]
-"""Column of a table: head, reader of an answer, and its way of
-:func:`~jaxhb.report.text.columns.written`.
-"""
 
 
 def sweep_text(sweeps: Mapping[str, Sequence[Answer]]) -> str:
@@ -83,51 +78,42 @@ def turning_table(answers: Sequence[Answer], title: str = "") -> list[Table]:
     over the speed, in a list.
     """
     dampers = answers[0].topology.damper_names
-    disk = heaviest(answers[0].train)
     if not dampers:
         return []
-
-    def heat(name: str) -> Callable[[Answer], float]:
-        return lambda answer: answer.power(name)
-
-    specs: list[Spec] = [(disk, lambda answer: answer.irregularity(disk), irregular)]
-    specs += [(name, heat(name), "W") for name in dampers]
+    disk = heaviest(answers[0].train)
+    share = _number(
+        disk, irregular, lambda answer: answer.irregularity(disk), "irregularity, %"
+    )
+    heats = [
+        _number(name, "W", methodcaller("power", name), "heat, W") for name in dampers
+    ]
     of_disk = "of the heaviest disk (of every disk: --csv)"
-    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(specs))]
     caption = f"{IRREGULARITY}, {of_disk}, and heat of dampers{title}"
-    return [_over_axis(caption, answers, specs, groups)]
+    return [_over_axis(caption, answers, [share, *heats])]
+
+
+def _number(
+    head: str, way: Way, read: Callable[[Answer], float], group: str = ""
+) -> Column:
+    """Make a column of numbers of answers, marked where they are to doubt."""
+
+    def value(answer: Answer) -> float:
+        number = read(answer)
+        return Doubtful(number) if answer.doubt else number
+
+    return Column(head, way, value, group)
 
 
 def _over_axis(
-    title: str,
-    answers: Sequence[Answer],
-    specs: Sequence[Spec],
-    groups: Groups = (),
+    title: str, answers: Sequence[Answer], columns: Sequence[Column]
 ) -> Table:
-    """A row for every answer; numbers to doubt are marked, and the title explains the
-    mark.
-    """
-    first: Spec = (answers[0].axis.label, lambda answer: f"{answer.place:g}", str)
-    columns = [first, *specs]
-    cells = written(
-        [[read(answer) for answer in answers] for _, read, _ in columns],
-        [way for _, _, way in columns],
-    )
-    for place, (head, _, way) in enumerate(columns):
-        if way is not str and head != WITHOUT:
-            cells[place] = [
-                f"{cell}{DOUBT}" if answer.doubt and cell[:1].isdigit() else cell
-                for cell, answer in zip(cells[place], answers, strict=True)
-            ]
+    """A row for every answer; the title explains the mark of numbers to doubt."""
+    place = Column(answers[0].axis.label, str, lambda answer: f"{answer.place:g}")
     doubts = " or ".join(
         dict.fromkeys(answer.doubt for answer in answers if answer.doubt)
     )
-    return Table(
-        "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"])),
-        [head for head, _, _ in columns],
-        cells,
-        groups,
-    )
+    caption = "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"]))
+    return Table(caption, [place, *columns], answers)
 
 
 def _peak(motion: Answer, answer: Answer) -> float:
@@ -137,61 +123,52 @@ def _peak(motion: Answer, answer: Answer) -> float:
     return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
 
 
-WITHOUT = "without kN"
+def _most_of_contacts(field: str) -> Callable[[Answer], float]:
+    """Reader of the largest number of contact of all meshes."""
+    return lambda answer: max(
+        getattr(contact, field) for contact in answer.contacts.values()
+    )
 
-MESHES: tuple[Spec, ...] = (
-    ("largest tooth force", lambda answer: answer.worst_mesh or NONE, str),
-    ("with kN", lambda answer: _peak(answer, answer), "kN"),
-    (WITHOUT, lambda answer: _peak(answer.without_backlash, answer), "kN"),
-    ("longest apart", lambda answer: most_apart(answer) or NONE, str),
-    (
-        "apart %",
-        lambda answer: max(
-            contact.separated_fraction for contact in answer.contacts.values()
-        ),
-        percent,
-    ),
-    (
-        "hardest of all m/s",
-        lambda answer: max(
-            contact.hardest_impact for contact in answer.contacts.values()
-        ),
-        hit,
-    ),
+
+MESHES = (
+    Column("largest tooth force", str, lambda answer: answer.worst_mesh or NONE),
+    _number("with kN", "kN", lambda answer: _peak(answer, answer)),
+    Column("without kN", "kN", lambda answer: _peak(answer.without_backlash, answer)),
+    Column("longest apart", str, lambda answer: most_apart(answer) or NONE),
+    _number("apart %", percent, _most_of_contacts("separated_fraction")),
+    _number("hardest of all m/s", hit, _most_of_contacts("hardest_impact")),
 )
-MOTION: tuple[Spec, ...] = (
-    (
+MOTION = (
+    Column(
         "harmonics",
-        lambda answer: NONE if answer.harmonics is None else answer.harmonics,
         str,
+        lambda answer: NONE if answer.harmonics is None else answer.harmonics,
     ),
-    ("motion", motion_word, str),
+    Column("motion", str, motion_word),
 )
-"""Columns of the table of a sweep: head, reader of an answer, and how it is written."""
+"""Columns of the table of a sweep, by answers."""
 
 
-def _swings(quantity: Quantity) -> tuple[Spec, ...]:
+def _swings(quantity: Quantity) -> tuple[Column, ...]:
     """Columns of a train without teeth: the shaft or damper with the largest torque, or
     the disk that moves most.
     """
 
-    def read(statistic: str) -> Callable[[Answer], float]:
-        def of_largest(answer: Answer) -> float:
-            # In a motion that is not known every element has the same: nan.
-            name = quantity.largest(answer) or quantity.names[0]
-            return quantity.factor * getattr(quantity.signal(answer, name), statistic)
+    def read(answer: Answer, statistic: str) -> float:
+        # In a motion that is not known every element has the same: nan.
+        name = quantity.largest(answer) or quantity.names[0]
+        return quantity.factor * getattr(quantity.signal(answer, name), statistic)
 
-        return of_largest
-
-    head = (
-        "largest shaft torque"
-        if quantity.element == "shaft"
-        else f"largest {quantity.called}"
-    )
+    called = "shaft torque" if quantity.element == "shaft" else quantity.called
+    unit = quantity.unit
+    half = partial(read, statistic="half_peak_to_peak")
+    total = partial(read, statistic="sum_of_amplitudes")
     return (
-        (head, lambda answer: quantity.largest(answer) or NONE, str),
-        (f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
-        (f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
+        Column(
+            f"largest {called}", str, lambda answer: quantity.largest(answer) or NONE
+        ),
+        _number(f"half p-p {unit}", "swing", half),
+        _number(f"sum of amplitudes {unit}", "swing", total),
     )
 
 

@@ -2,7 +2,7 @@
 for spreadsheets.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,16 +10,10 @@ import numpy as np
 from jaxhb.design.quantities import label, unit_of
 from jaxhb.design.worst_case import Spread
 from jaxhb.report.answer import SPEED
-from jaxhb.report.text.columns import (
-    NONE,
-    Head,
-    Table,
-    count,
-    from_rows,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
-from jaxhb.report.text.tuned import parameter_unit, scaled_unit, with_unit
+from jaxhb.report.text.tuned import bounds_text, parameter_unit, scaled_unit, with_unit
 
 PERCENT = 5, 50, 95  # of the sample
 MOVING = 5  # numbers listed of a quantity, those that move it most
@@ -31,12 +25,11 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
     which numbers move it, where. ``checked`` are the motions there, as of
     :func:`jaxhb.report.compute.check_spread`.
     """
-    title = spread.train.topology.title
     rpm = spread.rpm
     solved = spread.answered
     lines = [
-        f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances;"
-        f" {spread.evaluations} solves of a speed."
+        f"{spread.train.topology.title} at {SPEED.span(rpm)}: {len(spread.tolerances)}"
+        f" tolerances; {spread.evaluations} solves of a speed."
     ]
     if not solved.all():
         lost = ", ".join(f"{speed:g}" for speed in rpm[~solved])
@@ -44,10 +37,13 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
     parts = ["\n".join(lines), *_not_judged(spread)]
     answered = _answered_quantities(spread)
     if len(answered):
-        parts.append(_worst_table(spread))
-        parts += [_over_speeds(spread, j, checked) for j in answered]
-        parts += [_moving(spread), _places(spread)]
-        parts += remarks_text(_guarantee(spread), "Bounds")
+        parts += [
+            _worst_table(spread),
+            *(_over_speeds(spread, j, checked) for j in answered),
+            _moving(spread),
+            _places(spread),
+            *remarks_text(_guarantee(spread), "Bounds"),
+        ]
     if len(spread.drawn):
         share = 100 * spread.solved[solved].min() if solved.any() else 0.0
         many = "all" if share == 100 else f"{share:.0f} % or more"
@@ -55,9 +51,10 @@ def tolerance_parts(spread: Spread, checked: Mapping[str, Any] | None) -> list[s
             f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each"
             " speed."
         )
-    differences = checked["differences"] if checked else []
-    head = "Steady states that are not the periodic motions searched"
-    return parts + remarks_text(differences, head)
+    return parts + remarks_text(
+        checked["differences"] if checked else [],
+        "Steady states that are not the periodic motions searched",
+    )
 
 
 def _answered_quantities(spread: Spread) -> np.ndarray:
@@ -141,47 +138,47 @@ def _worst_table(spread: Spread) -> Table:
                 f"{new / old:.2f}" if old else NONE,
             ]
         )
-    heads = [
-        "quantity, worst over the speeds",
-        "as it is",
-        "at rpm",
-        "worst case",
-        "at rpm",
-        "ratio",
-    ]
-    title = (
-        "Worst case over the tolerances (half peak-to-peak unless called peak or order)"
+    return Table(
+        "Worst case over the tolerances (half peak-to-peak unless called peak or"
+        " order)",
+        [
+            "quantity, worst over the speeds",
+            "as it is",
+            "at rpm",
+            "worst case",
+            "at rpm",
+            "ratio",
+        ],
+        rows,
     )
-    return from_rows(title, heads, rows)
 
 
 def _over_speeds(spread: Spread, j: int, checked: Mapping[str, Any] | None) -> Table:
     """One quantity over the speeds."""
     factor, _ = scaled_unit(spread.of[j].quantity)
-    bounded = np.isfinite(spread.bound[:, j]).any()
-    heads: list[Head] = ["rpm", ("as it is", 1), ("worst case", 1)]
-    if bounded:
-        heads.append(("at most", 1))
-    heads.append("ratio")
-    behind: list[Sequence[Any] | np.ndarray] = []  # columns behind the ratio
-    if len(spread.drawn) > 0:
-        heads += [(f"{q} %", 1) for q in PERCENT]
-        behind += [factor * spread.percentile(q)[:, j] for q in PERCENT]
-    left: tuple[int, ...] = ()
+    nominal = factor * spread.nominal[:, j]
+    worst = factor * spread.worst[:, j]
+    bound = factor * spread.bound[:, j]
+    columns = [
+        Column("rpm", "{:g}".format, spread.rpm.__getitem__),
+        Column("as it is", 1, nominal.__getitem__),
+        Column("worst case", 1, worst.__getitem__),
+        *[Column("at most", 1, bound.__getitem__)] * bool(np.isfinite(bound).any()),
+        Column(
+            "ratio",
+            read=lambda i: f"{worst[i] / nominal[i]:.2f}" if nominal[i] > 0 else NONE,
+        ),
+    ]
+    for q in PERCENT if len(spread.drawn) else ():
+        sampled = factor * spread.percentile(q)[:, j]
+        columns.append(Column(f"{q} %", 1, sampled.__getitem__))
     if checked:
-        left = (len(heads), len(heads) + 1)
-        heads += ["motion", "in the worst case"]
-        behind += [checked["nominal"], [kinds[j] for kinds in checked["worst"]]]
-    rows = []
-    for i, rpm in enumerate(spread.rpm):
-        nominal = factor * spread.nominal[i, j]
-        worst = factor * spread.worst[i, j]
-        row = [f"{rpm:g}", nominal, worst]
-        if bounded:
-            row.append(factor * spread.bound[i, j])
-        row.append(f"{worst / nominal:.2f}" if nominal > 0 else NONE)
-        rows.append([*row, *(column[i] for column in behind)])
-    return from_rows(with_unit(spread.of[j]), heads, rows, left=left)
+        kinds = checked["nominal"], [of_speed[j] for of_speed in checked["worst"]]
+        columns += [
+            Column(head, read=kind.__getitem__, left=True)
+            for head, kind in zip(("motion", "in the worst case"), kinds, strict=True)
+        ]
+    return Table(with_unit(spread.of[j]), columns, range(len(spread.rpm)))
 
 
 def _moving(spread: Spread) -> Table:
@@ -211,38 +208,37 @@ def _moving(spread: Spread) -> Table:
         if len(spread.drawn) >= 3 * len(spread.tolerances)
         else "by its derivative"
     )
-    title = (
+    return Table(
         "What moves them: change of the response over half the range of a number,"
-        f" {method}, %"
+        f" {method}, %",
+        ["quantity", "at rpm", Column("number", left=True), "%"],
+        rows,
     )
-    return from_rows(title, ["quantity", "at rpm", "number", "%"], rows, left=(2,))
 
 
 def _places(spread: Spread) -> Table:
     """The numbers of each worst case beside their ranges."""
     train = spread.train
     places = {j: _largest(spread, j) for j in _answered_quantities(spread)}
-    rows = []
-    for k, tolerance in enumerate(spread.tolerances):
-        name = tolerance.name
-        rows.append(
-            [
-                name,
-                plain_number(float(train.value(name))),
-                *(plain_number(spread.numbers[i, j, k]) for j, i in places.items()),
-                parameter_unit(train, name) or NONE,
-                f"{plain_number(tolerance.low)} to {plain_number(tolerance.high)}",
-            ]
-        )
-    worst = [f"worst {number}" for number in range(1, len(places) + 1)]
+    columns = [
+        Column("number", read=lambda each: each.name),
+        Column("as it is", plain_number, lambda each: float(train.value(each.name))),
+    ]
+    for number, (j, i) in enumerate(places.items(), 1):
+        values = {
+            tolerance: spread.numbers[i, j, k]
+            for k, tolerance in enumerate(spread.tolerances)
+        }
+        columns.append(Column(f"worst {number}", plain_number, values.__getitem__))
+    columns += [
+        Column("unit", read=lambda each: parameter_unit(train, each.name) or NONE),
+        Column("range", read=bounds_text),
+    ]
     quantities = "; ".join(
         f"{number} {label(spread.of[j])}" for number, j in enumerate(places, 1)
     )
-    return from_rows(
-        f"Numbers in the worst case of {quantities}",
-        ["number", "as it is", *worst, "unit", "range"],
-        rows,
-    )
+    title = f"Numbers in the worst case of {quantities}"
+    return Table(title, columns, spread.tolerances)
 
 
 def tolerance_record(

@@ -16,14 +16,8 @@ from jaxhb.design.between_speeds import EXCESS, Checked, most_of
 from jaxhb.design.quantities import OF_DESIGN, Objective, Penalty, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import (
-    NONE,
-    Head,
-    Table,
-    count,
-    from_rows,
-    plain_number,
-)
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
 from jaxhb.results.steady import SteadyState
@@ -188,23 +182,26 @@ def tuned_parts(
         ),
         *_not_solved(rpm, result),
     ]
-    title = (
-        "Quantities (forces, torques and angles: half peak-to-peak unless called peak"
-        " or order)"
-    )
     # Quantities of rules: their table says that it is no approval.
     judged = any(
         re.match("stress|.* over limit$", chosen.quantity)
         for chosen, *_ in _readings(settings, result)
     )
-    quantities = from_rows(f"{title} ({AID})" if judged else title, _HEADS, rows)
+    title = (
+        "Quantities (forces, torques and angles: half peak-to-peak unless called peak"
+        " or order)"
+    )
+    quantities = Table(f"{title} ({AID})" if judged else title, _HEADS, rows)
     parts = ["\n".join(head), _parameter_table(train, settings, result), quantities]
     if result.checked:
         parts.append(_between_table(settings, result))
     if result.robust:
         parts.append(_robust_table(settings, result))
-    if result.followed:
-        parts.append(_followed_text(result.followed))
+    parts += remarks_text(
+        result.followed,
+        "Where a limit was exceeded the tuning went on at the critical speeds, which"
+        " follow each design",
+    )
     if result.checked:
         parts += _peaks_between(settings, rpm, result)
     return parts + _limits_exceeded(settings, rpm, result)
@@ -214,24 +211,24 @@ def _parameter_table(
     train: DriveTrain, settings: Mapping[str, Any], result: Tuning
 ) -> Table:
     """The parameters before and after, and their bounds."""
-    rows = [
+    before = result.before.parameters
+    after = result.after.parameters
+    return Table(
+        "Parameters",
         [
-            parameter.name,
-            result.before.parameters[parameter.name],
-            result.after.parameters[parameter.name],
-            parameter_unit(train, parameter.name) or NONE,
-            f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
-        ]
-        for parameter in settings["parameters"]
-    ]
-    heads: list[Head] = [
-        "parameter",
-        ("before", plain_number),
-        ("after", plain_number),
-        "unit",
-        "bounds",
-    ]
-    return from_rows("Parameters", heads, rows)
+            Column("parameter", read=lambda each: each.name),
+            Column("before", plain_number, lambda each: before[each.name]),
+            Column("after", plain_number, lambda each: after[each.name]),
+            Column("unit", read=lambda each: parameter_unit(train, each.name) or NONE),
+            Column("bounds", read=bounds_text),
+        ],
+        settings["parameters"],
+    )
+
+
+def bounds_text(bounded: Any) -> str:
+    """The range of a parameter or tolerance in words."""
+    return f"{plain_number(bounded.low)} to {plain_number(bounded.high)}"
 
 
 def _peaks_between(
@@ -277,32 +274,31 @@ def _peaks_between(
 
 def _between_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     """All readings of responses at their worst, between the speeds, too."""
-    rows = []
-    for chosen, name, *_ in _readings(settings, result):
-        if chosen.quantity in OF_DESIGN:
-            continue
+    designs = [result.checked.get(when) for when in ("before", "after")]
+
+    def of_design(chosen: Objective | Penalty, name: str, place: int) -> list[str]:
+        checked = designs[place]
+        if checked is None:
+            return [NONE, NONE]
         factor, _ = scaled_unit(chosen.quantity)
-        row = [with_unit(chosen)]
-        for when in ("before", "after"):
-            checked = result.checked.get(when)
-            if checked:
-                value, speed = checked.worst(name)
-                row += [count(factor * value), f"{speed:.4g}"]
-            else:
-                row += [NONE, NONE]
-        rows.append([*row, _limit(chosen) or NONE])
+        value, speed = checked.worst(name)
+        return [count(factor * value), f"{speed:.4g}"]
+
     speeds = len(result.checked["after"].rpm)
-    title = f"The same between the speeds, too ({speeds} speeds of the last design)"
-    return from_rows(title, _HEADS, rows)
-
-
-def _followed_text(followed: Iterable[str]) -> str:
-    """Limits that were exceeded on the way, after which the tuning went on."""
-    head = (
-        "Where a limit was exceeded the tuning went on at the critical speeds, which"
-        " follow each design"
+    return Table(
+        f"The same between the speeds, too ({speeds} speeds of the last design)",
+        _HEADS,
+        [
+            [
+                with_unit(chosen),
+                *of_design(chosen, name, 0),
+                *of_design(chosen, name, 1),
+                _limit(chosen) or NONE,
+            ]
+            for chosen, name, *_ in _readings(settings, result)
+            if chosen.quantity not in OF_DESIGN
+        ],
     )
-    return "".join(remarks_text(followed, head))
 
 
 def _robust_table(settings: Mapping[str, Any], result: Tuning) -> Table:
@@ -325,20 +321,20 @@ def _robust_table(settings: Mapping[str, Any], result: Tuning) -> Table:
             solved = f"{100 * spread.solved.min():.0f}"
             rows.append([with_unit(objective), title, *numbers, solved])
     drawn = len(next(iter(spreads.values())).drawn)
-    heads = [
-        "worst over the speeds",
-        "design",
-        "itself",
-        "worst case",
-        "95 %",
-        "largest",
-        "solved, %",
-    ]
-    title = (
+    return Table(
         "Within the tolerances: the design itself, the worst case found, and a fresh"
-        f" sample of {drawn} trains"
+        f" sample of {drawn} trains",
+        [
+            "worst over the speeds",
+            Column("design", left=True),
+            "itself",
+            "worst case",
+            "95 %",
+            "largest",
+            "solved, %",
+        ],
+        rows,
     )
-    return from_rows(title, heads, rows, left=(1,))
 
 
 def _not_solved(rpm: np.ndarray, result: Tuning) -> list[str]:
@@ -372,11 +368,13 @@ def _limits_exceeded(
     lets through, in a list.
     """
     exceeded = []
+    limited = False
     checked = result.checked.get("after")
     for chosen, name, _, after in _readings(settings, result):
         value, speed = _worst(rpm, after, chosen)
         most = most_of(chosen)
         least = getattr(chosen, "least", None)
+        limited |= most is not None
         if checked and most is not None and name in checked.readings:
             value, speed = checked.worst(name)
         above = most is not None and value > most + EXCESS * abs(most)
@@ -389,9 +387,6 @@ def _limits_exceeded(
             )
     if exceeded:
         return [f"NOT within its limits: {'; '.join(exceeded)}."]
-    limited = any(
-        most_of(chosen) is not None for chosen, *_ in _readings(settings, result)
-    )
     return ["Within its limits, between the speeds too."] if checked and limited else []
 
 
@@ -496,9 +491,10 @@ def difference(
     if not kind and not apart:
         return ""
     about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
-    motion = kind or "is in another motion"
-    colon = ": " if apart else ""
-    return f"at {state.rpm:g} rpm {motion}{colon}{', '.join(apart)}{about}."
+    return (
+        f"at {state.rpm:g} rpm {kind or 'is in another motion'}"
+        f"{': ' * bool(apart)}{', '.join(apart)}{about}."
+    )
 
 
 def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
@@ -508,10 +504,8 @@ def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
     differences = [
         sentence for design in designs.values() for sentence in design["differences"]
     ]
-    if not differences:
-        return (
-            "Both designs do at all speeds what was tuned: their steady states are the"
-            " periodic motions tuned."
-        )
     head = "Steady states that are not the periodic motions tuned"
-    return "".join(remarks_text(differences, head))
+    return "".join(remarks_text(differences, head)) or (
+        "Both designs do at all speeds what was tuned: their steady states are the"
+        " periodic motions tuned."
+    )

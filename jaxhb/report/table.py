@@ -1,0 +1,109 @@
+"""Tables of reports: columns that read and write rows, as text and as cells."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, Self
+
+from jaxhb.report.text.columns import DOUBT, Doubtful, Way, alike
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    way : how values are written, by a function of one value, or by a key that is shared
+    by the columns of numbers that get the same decimals; read : reader of the value
+    from a row, by default what stands at the place of the column; group : title above
+    this column and its neighbours of the same group; left : whether texts are flush
+    left, as those of the first column always are
+    """
+
+    head: str
+    way: Way = str
+    read: Callable[..., Any] | None = None
+    group: str = ""
+    left: bool = False
+
+
+class Table(str):
+    """A table as text under its caption, with its cells at hand for other ways to show
+    it.
+
+    columns : texts of each column; groups : (title, first, last) from left to right;
+    left : numbers of the columns that are flush left
+    """
+
+    caption: str
+    heads: list[str]
+    columns: list[list[str]]
+    groups: list[tuple[str, int, int]]
+    left: set[int]
+
+    def __new__(
+        cls, caption: str, columns: Sequence[Column | str], rows: Iterable[Any]
+    ) -> Self:
+        """Write values of rows in columns; a word is the head of a column of texts."""
+        specs = [Column(each) if isinstance(each, str) else each for each in columns]
+        rows = list(rows)
+        values = [
+            [spec.read(row) if spec.read else row[place] for row in rows]
+            for place, spec in enumerate(specs)
+        ]
+        cells = _written(values, [spec.way for spec in specs])
+        heads = [spec.head for spec in specs]
+        groups = []
+        for title, several in groupby(enumerate(specs), lambda pair: pair[1].group):
+            places = [place for place, _ in several]
+            if title:
+                groups.append((title, places[0], places[-1]))
+        left = {0, *(place for place, spec in enumerate(specs) if spec.left)}
+        text = _aligned(heads, cells, groups, left)
+        table = super().__new__(cls, f"{caption}\n{text}" if caption else text)
+        table.caption = caption
+        table.heads = heads
+        table.columns = cells
+        table.groups = groups
+        table.left = left
+        return table
+
+
+def _written(values: Sequence[Sequence[Any]], ways: Sequence[Way]) -> list[list[str]]:
+    """Write columns of values, each in its way, with a mark behind doubtful numbers."""
+    cells: list[list[str]] = [[] for _ in values]
+    for way in dict.fromkeys(ways):
+        places = [place for place, other in enumerate(ways) if other == way]
+        chosen = [values[place] for place in places]
+        if callable(way):
+            texts = [list(map(way, column)) for column in chosen]
+        else:
+            texts = alike(*chosen)
+        for place, column in zip(places, texts, strict=True):
+            cells[place] = [
+                text + DOUBT * (isinstance(value, Doubtful) and text[:1].isdigit())
+                for text, value in zip(column, values[place], strict=True)
+            ]
+    return cells
+
+
+def _aligned(
+    heads: Sequence[str],
+    columns: Sequence[Sequence[str]],
+    groups: Sequence[tuple[str, int, int]],
+    left: set[int],
+) -> str:
+    """Align texts under their heads and groups of columns, flush left or right."""
+    cells = [[head, *column] for head, column in zip(heads, columns, strict=True)]
+    widths = [max(map(len, column)) for column in cells]
+    above = ""
+    for title, first, last in groups:
+        room = sum(widths[first : last + 1]) + 2 * (last - first)
+        widths[first] += max(0, len(title) - room)
+        begin = sum(widths[:first]) + 2 * first
+        above = above.ljust(begin) + f" {title} ".center(max(room, len(title)), "-")
+    justified = [
+        [cell.ljust(width) if place in left else cell.rjust(width) for cell in column]
+        for place, (column, width) in enumerate(zip(cells, widths, strict=True))
+    ]
+    rows = ["  ".join(row).rstrip() for row in zip(*justified, strict=True)]
+    return "\n".join("  " + row for row in [*[above.rstrip()] * bool(groups), *rows])
