@@ -316,7 +316,9 @@ def test_gradients_are_those_of_differences():
     weight = np.random.default_rng(2).normal(size=(2, 39))
 
     def amplitude(values):
-        response = jaxhb.solve(train.replace(values), rpm=1500.0, plan=plan, start=start)
+        response = jaxhb.solve(
+            train.replace(values), rpm=1500.0, plan=plan, start=start
+        )
         return (response.forces[:, 1:40].real * weight).sum()
 
     @jax.jit
