@@ -18,6 +18,10 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     programs_folder = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = programs_folder.name
 
+# By default jax shares what took a second; workers, and the runs of quick and slow tests
+# one after another, have far more programs in common that take less.
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
 import compiling  # noqa: E402, F401
 import jax  # noqa: E402
 from printed import run_command  # noqa: E402

@@ -43,8 +43,8 @@ def process(folder, sources="these", **variables):
     """
     settings = {"JAXHB_CACHE": str(folder), "SOURCES": sources}
     variables = os.environ | settings | variables
-    if "WITH_JAX" in variables:
-        del variables["JAX_COMPILATION_CACHE_DIR"]
+    # Programs that the tests share, out of jax's cache, would not be stored.
+    del variables["JAX_COMPILATION_CACHE_DIR"]
     return subprocess.Popen(
         [sys.executable, "-c", CODE], stdout=-1, stderr=-1, text=True, env=variables
     )
@@ -61,9 +61,14 @@ def outcome(running):
 def store(tmp_path):
     """A store in an empty folder of the test, in use while the test runs."""
     before = _program._store
+    shared = jax.config.jax_persistent_cache_min_compile_time_secs
+    # A program out of jax's cache is not stored: however slow the machine is, none of
+    # these gets there.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
     _program.keep_programs(tmp_path / "programs")
     yield _program._store
     _program._store = before
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", shared)
 
 
 def double(x):

@@ -147,6 +147,7 @@ def test_a_branch_is_resumed_from_any_of_its_points_forwards_and_backwards():
     assert len(back.folds) == 0
 
 
+@pytest.mark.slow
 def test_points_are_solutions_of_the_harmonic_equations():
     branch = chain(0.1)
     number = int(np.argmax(branch.largest_deflection[:, 0]))
@@ -233,6 +234,7 @@ def test_what_cannot_be_followed_is_refused_with_a_sentence(arguments, sentence)
     refused(lambda: jaxhb.follow(chain_train(3), **arguments), sentence, ValueError)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_followed_is_refused_before_the_work():
     refused(lambda: chain(0.1).resume(-1, to=-3.0), "-3 rpm", ValueError)
     massless = jaxhb.load_scene("spur_pair").replace({"gear a.inertia": 0.0})

@@ -280,7 +280,8 @@ def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_s
     )
 
 
-@pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("loose", [False, True])
 def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_too(loose):
     train, parameter, objective, rpm, accuracy = (
         (loose_pair(0.06), DAMPING, TEETH, FEW, {"harmonics": 24, "tolerance": 0.01})

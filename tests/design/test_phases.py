@@ -123,7 +123,7 @@ def test_the_angle_is_a_number_with_derivatives():
             .smooth_peak()
         )
 
-    slope = jax.grad(swing)(25.0)
+    slope = jax.jit(jax.grad(swing))(25.0)
     h = 1e-4
     assert float(slope) == pytest.approx(
         float(swing(25.0 + h) - swing(25.0 - h)) / (2 * h), rel=100 * GRADIENT

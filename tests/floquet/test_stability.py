@@ -240,6 +240,7 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
     np.testing.assert_allclose(np.log(turning), np.log(expected), rtol=0.02)
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
     monkeypatch.setattr(stability, "DENSE_DISKS", 2)
@@ -256,6 +257,7 @@ def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     assert "stability not decided" in str(PeriodicMotion(rattling(), 1, None, None))
 
 
+@pytest.mark.slow
 def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
     def fail(response):
         raise np.linalg.LinAlgError("no convergence")

@@ -28,6 +28,8 @@ from jaxhb.train.assembly import build
 from jaxhb.train.excitation import highest_harmonic, listed_harmonic
 
 HAMMERING_RPM = 2200.0
+STEPS = 2000
+"""Of a cycle: numbers of steps are programs of their own."""
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))
 march = jax.jit(march_on)
 correct = jax.jit(shoot)
@@ -99,13 +101,13 @@ def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
     )
     x = fourier.synthesize(response, 64)[:, 0]
     v = fourier.synthesize(fourier.derivative(response, frequency), 64)[:, 0]
-    expected = adaptive(system, meshes, frequency, load, x, v, 2, 2000)
+    expected = adaptive(system, meshes, frequency, load, x, v, 2, STEPS)
     assert (np.abs(expected) < 0.9 * meshes.law.backlash[0] / 2).any()
     errors = []
-    for steps in (2000, 16000):
+    for steps in (STEPS, 8 * STEPS):
         stepper = stepper_of(posed_train, steps)
         _, trace = run(stepper, 0.0 * stepper.flank_state, 2)
-        deflection = trace.deflection[:, :: steps // 2000]
+        deflection = trace.deflection[:, :: steps // STEPS]
         errors.append(np.abs(deflection - expected).max() / np.abs(expected).max())
     assert errors[1] < 1e-6
     # Orders 2 (damping in contact has a kink where engagement begins) and 3, scattered
@@ -118,7 +120,7 @@ def test_teeth_that_stay_on_their_flank_start_on_the_periodic_motion(ground):
     train = pair(ground=ground, damping_law="always").replace(
         {"gear a|gear b.transition": 0.005}
     )
-    stepper = stepper_of(posed(train, 300.0), 2000)
+    stepper = stepper_of(posed(train, 300.0), STEPS)
     law = stepper.law.expand()
     _, trace = run(stepper, stepper.flank_state, 1)
     assert (jnp.abs(trace.deflection) > law.knee).all()
@@ -131,7 +133,7 @@ def test_a_floating_train_is_the_limit_of_a_soft_ground():
     for ground in (10.0, 0.1, 0.0):
         train = pair(ground=ground > 0)
         train = train.replace({"driven:ground.stiffness": ground}) if ground else train
-        stepper = stepper_of(posed(train, HAMMERING_RPM), 3000)
+        stepper = stepper_of(posed(train, HAMMERING_RPM), STEPS)
         start, _ = run(stepper, stepper.flank_state, 20)
         state, periodicity_error, _ = correct(stepper, start)
         assert periodicity_error < 1e-10
@@ -147,7 +149,7 @@ def test_a_floating_train_is_the_limit_of_a_soft_ground():
 
 
 def test_a_march_ends_where_a_cycle_closes_or_after_so_many():
-    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 1000)
+    stepper = stepper_of(posed(pair(), HAMMERING_RPM), STEPS)
     _, trace, done = march(stepper, stepper.flank_state, tolerance=1e-6, max_cycles=3)
     assert done == 3
     assert trace.periodicity_error > 1e-6
@@ -323,7 +325,7 @@ def test_steps_follow_the_highest_mesh_mode():
 
 @pytest.mark.slow
 def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
-    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 3000)
+    stepper = stepper_of(posed(pair(), HAMMERING_RPM), STEPS)
     state, _ = run(stepper, stepper.flank_state, 5)
     matrix, end = map(np.asarray, jax.jit(monodromy)(stepper, state))
     direction = np.random.default_rng(0).normal(size=state.size)

@@ -9,17 +9,18 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from differences import TIGHT
 from reference_data import reference
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from tolerances import ALGEBRAIC, GRADIENT, PATHS, RESIDUAL
 
 import jaxhb
+from jaxhb.balance.plan import Request
 from jaxhb.elements.meshing import contact_orders, standard_stiffness, table_orders
 from jaxhb.report.answer import Answer
 from jaxhb.report.text.cases import solve_text
 from jaxhb.results.steady import orbit_state
+from jaxhb.solutions import planning
 
 HALF = 1e-4  # m, half the backlash
 NATURAL = 500.0  # rad/s, of the mean stiffness
@@ -272,8 +273,9 @@ def test_whole_train_and_condensed_equation_agree():
     train = idler()
 
     def solved(method):
-        plan = jaxhb.plan(train, rpm=1500.0, harmonics=80, method=method)
-        plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
+        request = Request(harmonics=80, method=method)
+        (plan,) = planning.plan_speeds(train, np.array([1500.0]), request)
+        plan = dataclasses.replace(plan, residual_tolerance=1e-13)
         return jaxhb.solve(train, rpm=1500.0, plan=plan)
 
     whole = solved("chain")
@@ -305,35 +307,39 @@ def test_shooting_hardly_corrects_exact_integrals():
 
 @pytest.mark.slow
 def test_gradients_are_those_of_differences():
-    """Each number by itself; forwards and backwards are two programs for all of
-    them.
-    """
+    """Each number by itself; values, forwards and backwards are one program."""
     train = idler()
     plan = jaxhb.plan(train, rpm=1500.0, harmonics=96, integrals="exact")
     # Differences of short steps show what is left of the equations.
     plan = dataclasses.replace(plan, residual_tolerance=1e-13)
-    start = jaxhb.solve(train, rpm=1500.0, harmonics=96, integrals="exact")
+    start = jaxhb.solve(train, rpm=1500.0, plan=plan)
     weight = np.random.default_rng(2).normal(size=(2, 39))
 
-    def amplitude(*values):
-        changed = train.replace(dict(zip(STEPS, values, strict=True)))
-        forces = jaxhb.solve(changed, rpm=1500.0, plan=plan, start=start).forces
-        return (forces[:, 1:40].real * weight).sum()
+    def amplitude(values):
+        response = jaxhb.solve(
+            train.replace(values), rpm=1500.0, plan=plan, start=start
+        )
+        return (response.forces[:, 1:40].real * weight).sum()
 
-    values = [np.asarray(train.value(name)) for name in STEPS]
-    gradients = jax.grad(amplitude, argnums=tuple(range(len(values))))(*values)
-    for place, (step, value) in enumerate(zip(STEPS.values(), values, strict=True)):
+    @jax.jit
+    def linearised(values, along):
+        number, push = jax.linearize(amplitude, values)
+        (backwards,) = jax.linear_transpose(push, values)(1.0)
+        return number, push(along), backwards
+
+    values = {name: np.asarray(train.value(name)) for name in STEPS}
+    for name, step in STEPS.items():
+        value = values[name]
         scale = max(np.abs(value).max(), 1e-6)
         direction = np.random.default_rng(3).normal(size=value.shape) * scale
-        along = [np.zeros_like(value) for value in values]
-        along[place] = direction
-        slope = jax.jvp(amplitude, values, along)[1]
-        reverse = np.sum(np.asarray(gradients[place]) * direction)
-        ends = []
-        for k in (-2, -1, 1, 2):
-            moved = list(values)
-            moved[place] = value + k * step * direction
-            ends.append(amplitude(*moved))
+        along = {other: np.zeros_like(number) for other, number in values.items()}
+        along[name] = direction
+        _, slope, gradients = linearised(values, along)
+        reverse = np.sum(np.asarray(gradients[name]) * direction)
+        ends = [
+            float(linearised(values | {name: value + k * step * direction}, along)[0])
+            for k in (-2, -1, 1, 2)
+        ]
         expected = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
         np.testing.assert_allclose([slope, reverse], expected, rtol=GRADIENT)
 

@@ -19,6 +19,7 @@ from jaxhb.solutions import planning, sweeping
 
 RPM = 1833.0
 LATE = 2266.2  # sweeps do not settle there
+HARMONICS = 768  # those of test_gear_train_30.py, and their program
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
 ):
     """To the errors that the two tell."""
     assert [type(event) for event in response.path] == [Sweeps]
-    newton = jaxhb.solve(train, rpm=RPM, harmonics=1024, start=response)
+    newton = jaxhb.solve(train, rpm=RPM, harmonics=HARMONICS, start=response)
     assert newton.converged
     error = float(response.truncation_error + newton.truncation_error)
     assert force_difference(response, newton) < 1.2 * error
@@ -186,7 +187,7 @@ def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
     train, response
 ):
     for newton in (
-        jaxhb.solve(train, rpm=RPM, harmonics=512),
+        jaxhb.solve(train, rpm=RPM, harmonics=HARMONICS),
         jaxhb.solve(train, rpm=RPM, integrals="exact"),
         jaxhb.solve(train, rpm=RPM, start="march"),
     ):
