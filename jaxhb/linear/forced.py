@@ -37,7 +37,7 @@ from jaxhb.equations import dynamic_stiffness, fourier
 from jaxhb.equations.backlash import all_meshes, law_of
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
-from jaxhb.linear.tangent import at_pressed_load
+from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
@@ -321,6 +321,40 @@ def forced_response(
         response = on_host(response)
     response = dataclasses.replace(response, train=train)
     return response if np.ndim(rpm) else response[0]
+
+
+def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
+    """Receptance ``(n,)`` in rad/(N m) of a train, teeth in contact: the angle of
+    ``disk`` over a torque on the disk ``at``, at positive ``hz`` ``(n,)``.
+
+    :class:`SceneError` if there is no such disk.
+
+    >>> import jax.numpy as jnp
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
+    ...     ]
+    ... )
+    >>> H = jaxhb.frequency_response(
+    ...     train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)])
+    ... )  # 100 / (p^2 (p^2 + 100) 2 2)
+    >>> [round(float(value), 9) for value in H.real]
+    [-0.013333333]
+    """
+    ends = train.topology.disk_index(disk), train.topology.disk_index(at)
+    return _receptance(linear_train(train), 2 * np.pi * jnp.asarray(hz, float), ends)
+
+
+@partial(Program, static_argnames="ends")
+def _receptance(train: DriveTrain, omega: Array, ends: tuple[int, int]) -> Array:
+    """Receptance ``(n,)`` in rad/(N m) between two disks."""
+    system = chain.assemble(train)
+    disk, at = ends
+    column = np.eye(train.topology.n_disks)[:, [at]]
+    force = dynamic_stiffness.unit_forces(column, len(omega))
+    displacement, _ = dynamic_stiffness.solve_linear(system, omega, force, forces=0)
+    return displacement[disk, 0] / (system.radius[disk] * system.radius[at])
 
 
 def _at_mean_loads(
