@@ -438,11 +438,17 @@ def _vertex(checked: Checked, name: str) -> float:
     place = int(np.nanargmax(values))
     if not 0 < place < len(values) - 1:
         return np.nan
-    x = checked.rpm[place - 1 : place + 2]
-    y = values[place - 1 : place + 2]
-    left = (y[1] - y[0]) / (x[1] - x[0])
-    right = (y[2] - y[1]) / (x[2] - x[1])
-    bend = (right - left) / (x[2] - x[0])
-    if not bend < 0:
+    near = slice(place - 1, place + 2)
+    x = checked.rpm[near]
+    if not np.ptp(values[near]) > 0:
         return np.nan
-    return float(np.clip((x[0] + x[1]) / 2 - left / (2 * bend), x[0], x[2]))
+    return float(np.clip(culmination(x, values[near]), x[0], x[2]))
+
+
+def culmination(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Where the parabola through three points ``(3, ...)``, not on a line, has its
+    vertex; they need not be equidistant.
+    """
+    left, right = np.diff(x, axis=0)
+    rise, fall = np.diff(y, axis=0) / np.diff(x, axis=0)
+    return x[1] + (rise * right + fall * left) / (2 * (rise - fall))

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
@@ -356,8 +356,8 @@ def _of_tree(
 
 def _hung(
     ring: Ring,
-    part: Sequence[Array],
-    above: Sequence[Array],
+    part: Iterable[Array],
+    above: Iterable[Array],
     z: Array,
     k: Array,
     near: Any,
