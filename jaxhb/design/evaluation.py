@@ -323,8 +323,9 @@ class Evaluator:
         self.heavy = tuple((inertia > 0).tolist())
         self.box = scatter.box if scatter else None
         self.shares = scatter.shares if scatter else np.zeros((len(rpm), 0))
-        moved = train.replace(task.named(task.unbounded(train)))
-        moved = scatter.of_lanes(moved) if scatter else moved
+        # Within a box all its numbers differ from the train's own.
+        elsewhere = np.full(self.shares.shape[1], 0.3)
+        moved = train_of_lane(train, task, self.box, task.unbounded(train), elsewhere)
         leaves, structure = jax.tree.flatten(
             (train, problem_at(train, float(rpm[0]), self.excited))
         )
@@ -787,18 +788,16 @@ class Lanes:
         rescued = np.zeros_like(which)
         motion = point.motion.copy()
         lost = np.argwhere(which) if plan.active else ()
+        evaluator = self.evaluator
         for design, speed in lost:
-            train = self.evaluator.train.replace(
-                self.evaluator.task.named(point.z[design])
-            )
-            box = self.evaluator.box
-            train = (
-                train.replace(box.scaled(train, self.evaluator.shares[speed]))
-                if box
-                else train
-            )
             response = solve(
-                train,
+                train_of_lane(
+                    evaluator.train,
+                    evaluator.task,
+                    evaluator.box,
+                    point.z[design],
+                    evaluator.shares[speed] if evaluator.box else np.zeros(0),
+                ),
                 rpm=float(point.speeds[design, speed]),
                 harmonics=plan.harmonics,
                 integrals=plan.integrals,
@@ -912,6 +911,14 @@ def highest_peaks(
     return places[middle], culmination(x[near], y[near])
 
 
+def train_of_lane(
+    train: DriveTrain, task: Task, box: Box | None, z: Array, shares: Array
+) -> DriveTrain:
+    """The train of a design z ``(P,)``, within a ``box`` at the shares ``(...)``."""
+    design = train.replace(task.named(z))
+    return design.replace(box.scaled(design, shares)) if box else design
+
+
 @partial(Program, static_argnames=("task", "box", "excited", "held"))
 def problems_of_designs(
     train: DriveTrain,
@@ -930,8 +937,7 @@ def problems_of_designs(
     """
 
     def lane(z: Array, speed: Array, share: Array) -> list[Array]:
-        changed = train.replace(task.named(z))
-        changed = changed.replace(box.scaled(changed, share)) if box else changed
+        changed = train_of_lane(train, task, box, z, share)
         leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
         return [leaf for leaf, is_held in zip(leaves, held, strict=True) if not is_held]
 
