@@ -66,6 +66,7 @@ from .linear.damped import (
 from .linear.forced import (
     ForcedResponse as ForcedResponse,
     forced_response as forced_response,
+    frequency_response as frequency_response,
 )
 from .linear.holzer import (
     HolzerTable as HolzerTable,
@@ -81,7 +82,6 @@ from .linear.polynomial import (
     characteristic as characteristic,
     characteristic_coefficients as characteristic_coefficients,
     damped_approximation as damped_approximation,
-    frequency_response as frequency_response,
 )
 from .linear.sensitivity import (
     cluster_sums_hz as cluster_sums_hz,

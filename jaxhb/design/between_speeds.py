@@ -152,8 +152,10 @@ class Reader:
             readings[label(criterion)] = np.where(has_value, values, np.nan)
         return Checked(rpm, solved, readings)
 
-    def with_more(self, checked: Checked, rpm: np.ndarray) -> Checked:
+    def with_more(self, checked: Checked | None, rpm: np.ndarray) -> Checked:
         """Add readings at further speeds."""
+        if checked is None:
+            return self.at(np.unique(rpm))
         rpm = np.setdiff1d(rpm, checked.rpm)
         return _joined(checked, self.at(rpm)) if len(rpm) else checked
 
@@ -277,16 +279,9 @@ def check_between(
     be at hand, and between them as far as is needed to meet the peaks.
     """
     rising_rpm, places = np.unique(rpm, return_index=True)
-    if reading is None:
-        nothing = np.zeros(0)
-        unsolved = np.zeros(0, dtype=bool)
-        checked = Checked(
-            nothing,
-            unsolved,
-            {label(criterion): nothing for criterion in task.of_response},
-        )
-    else:
-        names = [label(criterion) for criterion in task.of_response]
+    checked = None
+    if reading is not None:
+        names = map(label, task.of_response)
         readings = {name: reading.readings[name][places] for name in names}
         checked = Checked(rising_rpm, reading.solved[places], readings)
     with_peaks = _with_linear_peaks if is_linear(train) else _with_peaks
@@ -294,7 +289,9 @@ def check_between(
     return with_peaks(reader, checked, Spans.of(rising_rpm))
 
 
-def _with_linear_peaks(reader: Reader, checked: Checked, spans: Spans) -> Checked:
+def _with_linear_peaks(
+    reader: Reader, checked: Checked | None, spans: Spans
+) -> Checked:
     """Add the speeds asked for, those round the critical speeds and half way between
     the speeds, and where parabolas through the largest values culminate.
     """
@@ -311,7 +308,7 @@ def _with_linear_peaks(reader: Reader, checked: Checked, spans: Spans) -> Checke
     return checked
 
 
-def _with_peaks(reader: Reader, checked: Checked, spans: Spans) -> Checked:
+def _with_peaks(reader: Reader, checked: Checked | None, spans: Spans) -> Checked:
     """Add the speeds asked for, equal parts of the spans, the strongest critical
     speeds, and both sides of the highest peaks halved again and again: where teeth part
     a peak lies beside the critical speed and may end in a jump, which no parabola
@@ -438,11 +435,17 @@ def _vertex(checked: Checked, name: str) -> float:
     place = int(np.nanargmax(values))
     if not 0 < place < len(values) - 1:
         return np.nan
-    x = checked.rpm[place - 1 : place + 2]
-    y = values[place - 1 : place + 2]
-    left = (y[1] - y[0]) / (x[1] - x[0])
-    right = (y[2] - y[1]) / (x[2] - x[1])
-    bend = (right - left) / (x[2] - x[0])
-    if not bend < 0:
+    near = slice(place - 1, place + 2)
+    x = checked.rpm[near]
+    if not np.ptp(values[near]) > 0:
         return np.nan
-    return float(np.clip((x[0] + x[1]) / 2 - left / (2 * bend), x[0], x[2]))
+    return float(np.clip(culmination(x, values[near]), x[0], x[2]))
+
+
+def culmination(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Where the parabola through three points ``(3, ...)``, not on a line, has its
+    vertex; they need not be equidistant.
+    """
+    left, right = np.diff(x, axis=0)
+    rise, fall = np.diff(y, axis=0) / np.diff(x, axis=0)
+    return x[1] + (rise * right + fall * left) / (2 * (rise - fall))

@@ -82,8 +82,11 @@ READ_AS |= dict.fromkeys(
 )
 """The size of a signal, or the power, that a quantity is."""
 
-OF_LINKS = ("stiffness", "loss_factor", "damping")
-OF_DISKS = ("inertia", "damping")
+OF_LINKS = {"stiffness": "stiffness", "loss_factor": "loss", "damping": "viscous"}
+OF_DISKS = {"inertia": "mass", "damping": "damping", "ground": "ground"}
+"""Numbers of links and disks, and their fields of a System, in the order of the
+arguments of a dynamic stiffness.
+"""
 OF_LOADS = {
     "torque": ("mean",),
     "cylinder": ("gas_factor", "injection", "gas_torque_mean", "reciprocating_mass"),
@@ -221,7 +224,8 @@ class _Speed:
         coupled = [
             (a, b)
             for a, b in pairs
-            if a.element == b.element and (a.field, b.field) == OF_LINKS[:2]
+            if a.element == b.element
+            and (a.field, b.field) == ("stiffness", "loss_factor")
         ]
         self.products = sorted({(a.share, b.share) for a, b in coupled})
         self.nominal_shares = box.unbounded(train)
@@ -348,33 +352,21 @@ class _Speed:
                 float(system.radius[system.tree.end_a[i] if kind == "link" else i]) ** 2
             )
             square = 1.0 if kind == "link" and i >= shafts else square
-            fields: dict[str, Array]
-            if kind == "link":
-                fields = {
-                    "stiffness": system.stiffness[i],
-                    "loss_factor": system.loss[i],
-                    "damping": system.viscous[i],
-                }
-            else:
-                fields = {
-                    "inertia": system.mass[i],
-                    "damping": system.damping[i],
-                    "ground": system.ground[i],
-                }
+            dynamic, names = (
+                (dynamic_stiffness.complex_stiffness, OF_LINKS)
+                if kind == "link"
+                else (dynamic_stiffness.disk_stiffness, OF_DISKS)
+            )
+            fields: dict[str, Array] = {
+                name: getattr(system, field)[i] for name, field in names.items()
+            }
             for number in self.numbers:
                 if number.element == (kind, i):
                     value = number.middle + u[:, [number.share]] * number.slope
                     fields[number.field] = value / (
                         1.0 if number.field == "loss_factor" else square
                     )
-            if kind == "link":
-                values = dynamic_stiffness.complex_stiffness(
-                    omega, fields["stiffness"], fields["loss_factor"], fields["damping"]
-                )
-            else:
-                values = dynamic_stiffness.disk_stiffness(
-                    omega, fields["inertia"], fields["damping"], fields["ground"]
-                )
+            values = dynamic(omega, *fields.values())
             stiffness.append(np.broadcast_to(values, (len(u), len(omega))))
         return (
             np.array(stiffness, complex)

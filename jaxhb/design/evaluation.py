@@ -38,11 +38,12 @@ from jaxhb.balance.program import (
     respond,
 )
 from jaxhb.design import objectives
-from jaxhb.design.between_speeds import Followed, speeds_of
+from jaxhb.design.between_speeds import Followed, culmination, speeds_of
 from jaxhb.design.quantities import (
     OF_DESIGN,
     QUANTITIES,
     Criterion,
+    Parameter,
     Penalty,
     inertia_added,
     judged,
@@ -96,6 +97,46 @@ UNSOLVED: Any = None
 """Value of the fields of a Point that a solve fills in."""
 
 
+def scales(
+    parameters: Sequence[Parameter],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds ``(P,)`` of parameters, and the logarithm of their ratio, 0 on a linear
+    scale.
+    """
+    low, high = np.array(
+        [(parameter.low, parameter.high) for parameter in parameters]
+    ).T
+    log = np.array([parameter.scale == "log" for parameter in parameters])
+    return low, high, np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
+
+
+def named_at(parameters: Sequence[Parameter], shares: Array) -> dict[str, Any]:
+    """Parameters by name at ``shares`` ``(P,)`` of the way between their bounds, on
+    their scales; floats on the host.
+    """
+    xp = namespace(shares)
+    low, high, ratio = scales(parameters)
+    values = xp.where(
+        ratio > 0, low * xp.exp(shares * ratio), low + shares * (high - low)
+    )
+    return {
+        parameter.name: values[i] if xp is jnp else float(values[i])
+        for i, parameter in enumerate(parameters)
+    }
+
+
+def shares_of(train: DriveTrain, parameters: Sequence[Parameter]) -> np.ndarray:
+    """Shares ``(P,)`` of the way between their bounds at which a train has parameters,
+    as of :func:`named_at`.
+    """
+    low, high, ratio = scales(parameters)
+    values = np.array([float(train.value(parameter.name)) for parameter in parameters])
+    log = ratio > 0
+    logarithm = np.log(np.where(log, values, 1.0) / np.where(log, low, 1.0))
+    linear = (values - low) / (high - low)
+    return np.where(log, logarithm / np.where(log, ratio, 1.0), linear)
+
+
 @dataclass(frozen=True)
 class Task:
     """The purpose of a tuning: tuples of Parameter, Objective, Penalty."""
@@ -140,37 +181,13 @@ class Task:
         """Parameters by name, in their own units, from z ``(P,)``; floats on
         the host.
         """
-        xp = namespace(z)
-        share = 1 / (1 + xp.exp(-z))
-        low, high = np.array(
-            [(parameter.low, parameter.high) for parameter in self.parameters]
-        ).T
-        log = np.array([parameter.scale == "log" for parameter in self.parameters])
-        # On a log scale the share of the way is that of the logarithm.
-        ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
-        values = xp.where(
-            log,
-            np.where(log, low, 1.0) * xp.exp(share * ratio),
-            low + share * (high - low),
-        )
-        return {
-            parameter.name: values[i] if xp is jnp else float(values[i])
-            for i, parameter in enumerate(self.parameters)
-        }
+        return named_at(self.parameters, 1 / (1 + namespace(z).exp(-z)))
 
     def unbounded(self, train: DriveTrain) -> np.ndarray:
         """The z ``(P,)`` of a train, of values on a bound a little inside."""
-        values = [train.value(parameter.name) for parameter in self.parameters]
-        shares = [
-            (
-                np.log(value / parameter.low) / np.log(parameter.high / parameter.low)
-                if parameter.scale == "log"
-                else (value - parameter.low) / (parameter.high - parameter.low)
-            )
-            for value, parameter in zip(values, self.parameters, strict=True)
-        ]
+        shares = shares_of(train, self.parameters)
         with np.errstate(divide="ignore"):
-            z = np.log(shares) - np.log1p(-np.array(shares))
+            z = np.log(shares) - np.log1p(-shares)
         return np.clip(z, -FARTHEST, FARTHEST)
 
 
@@ -306,8 +323,9 @@ class Evaluator:
         self.heavy = tuple((inertia > 0).tolist())
         self.box = scatter.box if scatter else None
         self.shares = scatter.shares if scatter else np.zeros((len(rpm), 0))
-        moved = train.replace(task.named(task.unbounded(train)))
-        moved = scatter.of_lanes(moved) if scatter else moved
+        # Within a box all its numbers differ from the train's own.
+        elsewhere = np.full(self.shares.shape[1], 0.3)
+        moved = train_of_lane(train, task, self.box, task.unbounded(train), elsewhere)
         leaves, structure = jax.tree.flatten(
             (train, problem_at(train, float(rpm[0]), self.excited))
         )
@@ -773,18 +791,16 @@ class Lanes:
         rescued = np.zeros_like(which)
         motion = point.motion.copy()
         lost = np.argwhere(which) if plan.active else ()
+        evaluator = self.evaluator
         for design, speed in lost:
-            train = self.evaluator.train.replace(
-                self.evaluator.task.named(point.z[design])
-            )
-            box = self.evaluator.box
-            train = (
-                train.replace(box.scaled(train, self.evaluator.shares[speed]))
-                if box
-                else train
-            )
             response = solve(
-                train,
+                train_of_lane(
+                    evaluator.train,
+                    evaluator.task,
+                    evaluator.box,
+                    point.z[design],
+                    evaluator.shares[speed] if evaluator.box else np.zeros(0),
+                ),
                 rpm=float(point.speeds[design, speed]),
                 harmonics=plan.harmonics,
                 integrals=plan.integrals,
@@ -894,13 +910,16 @@ def highest_peaks(
     middle = np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:])) + 1
     middle = middle[np.minimum(y[middle - 1], y[middle + 1]) > 0.5 * y[middle]]
     middle = middle[np.argsort(-y[middle], kind="stable")][:most]
-    left = x[middle] - x[middle - 1]
-    right = x[middle + 1] - x[middle]
-    # Vertex of the parabola through three speeds that need not be equidistant.
-    rise = (y[middle] - y[middle - 1]) / left
-    fall = (y[middle + 1] - y[middle]) / right
-    summit = x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
-    return places[middle], summit
+    near = middle + np.array([[-1], [0], [1]])
+    return places[middle], culmination(x[near], y[near])
+
+
+def train_of_lane(
+    train: DriveTrain, task: Task, box: Box | None, z: Array, shares: Array
+) -> DriveTrain:
+    """The train of a design z ``(P,)``, within a ``box`` at the shares ``(...)``."""
+    design = train.replace(task.named(z))
+    return design.replace(box.scaled(design, shares)) if box else design
 
 
 @partial(Program, static_argnames=("task", "box", "excited", "held"))
@@ -921,8 +940,7 @@ def problems_of_designs(
     """
 
     def lane(z: Array, speed: Array, share: Array) -> list[Array]:
-        changed = train.replace(task.named(z))
-        changed = changed.replace(box.scaled(changed, share)) if box else changed
+        changed = train_of_lane(train, task, box, z, share)
         leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
         return [leaf for leaf, is_held in zip(leaves, held, strict=True) if not is_held]
 

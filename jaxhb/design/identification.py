@@ -12,8 +12,7 @@ be.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from typing import Any
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +22,7 @@ from scipy.optimize import least_squares
 from jaxhb._jax import Array, refuse_tracers
 from jaxhb._program import Program
 from jaxhb._shown import brief
-from jaxhb.design.evaluation import Task
+from jaxhb.design.evaluation import named_at, scales, shares_of
 from jaxhb.design.measurements import Measured
 from jaxhb.design.quantities import Parameter, parameter_faults
 from jaxhb.elements.sentences import SceneError
@@ -216,41 +215,24 @@ def _is_of_stages(train: DriveTrain, name: str) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class Shares(Task):
-    """Parameters as shares u ``(P,)`` of the way from low to high, 0 to 1, on their
-    scales.
-    """
-
-    def named(self, z: Array) -> dict[str, Any]:
-        return {
-            parameter.name: (
-                parameter.low * (parameter.high / parameter.low) ** u
-                if parameter.scale == "log"
-                else parameter.low + u * (parameter.high - parameter.low)
-            )
-            for parameter, u in zip(self.parameters, z, strict=True)
-        }
-
-
-@partial(Program, static_argnames=("shares", "pairs", "harmonics"))
+@partial(Program, static_argnames=("parameters", "pairs", "harmonics"))
 def computed_rows(
     train: DriveTrain,
     rpm: Array,
     places: tuple[Array, Array, Array],
     u: Array,
     *,
-    shares: Shares,
+    parameters: tuple[Parameter, ...],
     pairs: tuple[tuple[str, str], ...],
     harmonics: int,
 ) -> tuple[Array, Array, Array]:
     """Complex amplitudes ``(R,)`` of rows at ``places`` (pair, speed, harmonic; 0 for a
-    sum), the status ``(S,)`` of the speeds, and derivatives of the amplitudes by u
-    ``(R, P)``.
+    sum), the status ``(S,)`` of the speeds, and derivatives ``(R, P)`` of the
+    amplitudes by the shares u ``(P,)`` of the parameters.
     """
 
     def rows(u: Array) -> tuple[Array, Array]:
-        changed = train.replace(shares.named(u))
+        changed = train.replace(named_at(parameters, u))
         response = forced_response(changed, rpm=rpm, harmonics=harmonics)
         signals = [MEASURED[quantity].read(response, name) for quantity, name in pairs]
         sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
@@ -278,7 +260,6 @@ class Fit:
         self.measured = measured
         self.parameters = parameters
         self.linear = linear_train(train, rpm=float(np.median(measured.rpm)))
-        self.task = Shares(parameters, (), ())
         self.rpm, speed = np.unique(measured.rpm, return_inverse=True)
         pairs = list(zip(measured.quantity, measured.element, strict=True))
         self.pairs = tuple(dict.fromkeys(pairs))
@@ -293,25 +274,13 @@ class Fit:
         self.target = measured.amplitude * np.exp(
             1j * np.deg2rad(np.nan_to_num(measured.phase))
         )
+        self.begin = shares_of(train, parameters)
         self.before = np.array(
             [float(train.value(parameter.name)) for parameter in parameters]
         )
         self.priors = np.array(
             [priors.get(parameter.name, np.inf) for parameter in parameters]
         )
-        low, high = np.array(
-            [(parameter.low, parameter.high) for parameter in parameters]
-        ).T
-        is_log = np.array([parameter.scale == "log" for parameter in parameters])
-        self.width = high - low
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # 0 on a linear scale.
-            self.ratio = np.where(is_log, np.log(high / low), 0.0)
-            self.begin = np.where(
-                is_log,
-                np.log(self.before / low) / self.ratio,
-                (self.before - low) / self.width,
-            )
         self.fitted = np.zeros(len(pairs), dtype=bool)
         self.left_out: tuple[str, ...] = ()
         self.add_solved(self.begin)
@@ -387,8 +356,9 @@ class Fit:
 
     def numbers(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Numbers ``(P,)`` of shares, and their derivatives by them ``(P,)``."""
-        values = np.array([float(value) for value in self.task.named(u).values()])
-        return values, np.where(self.ratio, values * self.ratio, self.width)
+        values = np.array(list(named_at(self.parameters, u).values()))
+        low, high, ratio = scales(self.parameters)
+        return values, np.where(ratio > 0, values * ratio, high - low)
 
     def computed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Complex amplitudes ``(R,)``, the status of the speeds ``(S,)``, and
@@ -399,7 +369,7 @@ class Fit:
             self.rpm,
             self.places,
             np.asarray(u),
-            shares=self.task,
+            parameters=self.parameters,
             pairs=self.pairs,
             harmonics=self.harmonics,
         )
@@ -452,21 +422,10 @@ class Fit:
             u[free] = part
             return u
 
-        # Residuals and derivatives are asked for one after the other.
-        @lru_cache(maxsize=1)
-        def evaluated(numbers: bytes) -> tuple[np.ndarray, np.ndarray]:
-            return self.residuals(whole(np.frombuffer(numbers)))
-
-        def residuals(u: np.ndarray) -> np.ndarray:
-            return evaluated(u.tobytes())[0]
-
-        def slopes(u: np.ndarray) -> np.ndarray:
-            return evaluated(u.tobytes())[1][:, free]
-
         least = least_squares(
-            residuals,
+            lambda part: self.residuals(whole(part))[0],
             np.clip(begin[free], 1e-6, 1 - 1e-6),
-            jac=slopes,
+            jac=lambda part: self.residuals(whole(part))[1][:, free],
             bounds=(0.0, 1.0),
             x_scale="jac",
             ftol=1e-10,

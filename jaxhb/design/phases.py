@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 
 import jax
 import numpy as np
@@ -186,12 +187,14 @@ def worst_phase(
         count = max(PHASES, fine)
     count = phases or count
     angles = np.arange(count) * (circle / count)
+    every_speed = np.arange(len(rpm))
     values = np.empty((len(rpm), len(quantities), count))
     for k, angle in enumerate(angles):
         if progress and not linear:
             progress(f"phase {angle:g} of {circle:g} deg")
-        values[..., k] = reader(np.full(len(rpm), angle), quantities)
-    nominal = reader(np.full(len(rpm), float(train.value(f"{name}.angle"))), quantities)
+        values[..., k] = reader(np.full(len(rpm), angle), quantities, every_speed)
+    own_angle = np.full(len(rpm), float(train.value(f"{name}.angle")))
+    nominal = reader(own_angle, quantities, every_speed)
     is_known = np.isfinite(values)
     best = np.where(is_known, values, np.inf).argmin(-1)
     ranked = np.where(is_known, values, -np.inf)
@@ -205,18 +208,9 @@ def worst_phase(
     for q, quantity in enumerate(quantities):
         places = np.flatnonzero(np.isfinite(worst[:, q]))
         places = places if linear else places[np.argsort(-worst[places, q])][:1]
-        subset = reader.at(places)
         for k in range(tops.shape[-1] if len(places) else 0):
-
-            def value(
-                angle: np.ndarray,
-                quantity: Objective = quantity,
-                subset: _Linear | _Solved = subset,
-            ) -> np.ndarray:
-                return subset(angle, (quantity,))[:, 0]
-
             peak_angle, peak_value = _golden(
-                value,
+                partial(reader, quantities=(quantity,), places=places),
                 angles[tops[places, q, k]],
                 width=circle / count,
                 steps=LINEAR_STEPS if linear else STEPS,
@@ -258,9 +252,9 @@ def _circle(topology: Topology, name: str) -> float:
 
 @dataclass(frozen=True)
 class _Linear:
-    """Values ``(S, Q)`` of a linear train at phases ``(S,)`` deg, one for each speed,
-    from one response and the part of it that the phase turns; ``highest`` : harmonic
-    that it turns.
+    """Values ``(k, Q)`` of a linear train at phases ``(k,)`` deg, one for each of the
+    speeds at ``places`` ``(k,)``, from one response and the part of it that the phase
+    turns; ``highest`` : harmonic that it turns.
     """
 
     train: DriveTrain
@@ -297,21 +291,17 @@ class _Linear:
         return cls(train, response, turned, start, turn, highest)
 
     def __call__(
-        self, angle: np.ndarray, quantities: Sequence[Objective]
+        self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
     ) -> np.ndarray:
+        response = self.response[places]
         changes = {}
         for part, values in self.turned.items():
             factor = np.expm1(
                 _by_deg(values, self.turn) * (angle - self.start)[:, None, None]
             )
-            changes[part] = getattr(self.response, part) + values * factor
-        motion = dataclasses.replace(self.response, **changes)
+            changes[part] = getattr(response, part) + values[places] * factor
+        motion = dataclasses.replace(response, **changes)
         return _read(motion, quantities, self.train)
-
-    def at(self, places: np.ndarray) -> _Linear:
-        """Restrict it to some of the speeds."""
-        turned = {part: values[places] for part, values in self.turned.items()}
-        return dataclasses.replace(self, response=self.response[places], turned=turned)
 
     def left_out(self) -> list[str]:
         """Sentences for each status of speeds without an answer."""
@@ -345,8 +335,8 @@ def _read(
 
 @dataclass(frozen=True)
 class _Solved:
-    """Values ``(S, Q)`` of a train that is solved anew for every phase ``(S,)`` deg;
-    the phases of all speeds are mostly one.
+    """Values ``(k, Q)`` of a train that is solved anew for every phase ``(k,)`` deg, at
+    the speeds at ``places`` ``(k,)``; the phases of all are mostly one.
 
     ``worst_status`` : of the phases read, by the speeds that did not converge at all of
     them
@@ -359,23 +349,19 @@ class _Solved:
     highest = 0  # harmonic that the phase turns: not known before solves
 
     def __call__(
-        self, angle: np.ndarray, quantities: Sequence[Objective]
+        self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
     ) -> np.ndarray:
-        values = np.full((len(self.rpm), len(quantities)), np.nan)
+        values = np.full((len(places), len(quantities)), np.nan)
         for phase in np.unique(angle):
-            places = np.flatnonzero(angle == phase)
+            rows = np.flatnonzero(angle == phase)
             design = self.train.replace({f"{self.name}.angle": float(phase)})
-            motion = solve_speeds(design, rpm=self.rpm[places])
-            values[places] = _read(motion, quantities, design)
+            motion = solve_speeds(design, rpm=self.rpm[places[rows]])
+            values[rows] = _read(motion, quantities, design)
             for lost in np.flatnonzero(~np.asarray(motion.converged)):
                 rpm = float(motion.rpm[lost])
                 status = int(motion.status[lost])
                 self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
         return values
-
-    def at(self, places: np.ndarray) -> _Solved:
-        """Restrict it to some of the speeds."""
-        return dataclasses.replace(self, rpm=self.rpm[places])
 
     def left_out(self) -> list[str]:
         """Sentences for each status of speeds without an answer at some phases."""
@@ -386,36 +372,32 @@ class _Solved:
 
 
 def _golden(
-    value: Callable[[np.ndarray], np.ndarray],
+    value: Callable[..., np.ndarray],
     middle: np.ndarray,
     *,
     width: float,
     steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the largest value of a function of angles ``(S,)`` within ``width`` of each,
-    by golden sections: the angles and the values.
+    """Find the largest value ``(S, 1)`` of a function of angles ``(S,)`` within
+    ``width`` of each, by golden sections: the angles and the values ``(S,)``.
     """
+
+    def point(angle: np.ndarray) -> np.ndarray:
+        return np.stack([angle, np.nan_to_num(value(angle)[:, 0], nan=-np.inf)])
+
     low = middle - width
     high = middle + width
-    inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    values = [np.nan_to_num(value(angle), nan=-np.inf) for angle in inner]
+    # Rows of angles and values.
+    first = point(high - GOLDEN * (high - low))
+    second = point(low + GOLDEN * (high - low))
     for _ in range(steps):
-        left = values[0] > values[1]
-        low = np.where(left, low, inner[0])
-        high = np.where(left, inner[1], high)
-        better_angle = np.where(left, inner[0], inner[1])
-        better_value = np.where(left, values[0], values[1])
-        fresh_angle = np.where(
-            left, high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        )
-        fresh_value = np.nan_to_num(value(fresh_angle), nan=-np.inf)
-        inner = [
-            np.where(left, fresh_angle, better_angle),
-            np.where(left, better_angle, fresh_angle),
-        ]
-        values = [
-            np.where(left, fresh_value, better_value),
-            np.where(left, better_value, fresh_value),
-        ]
-    first = values[0] > values[1]
-    return np.where(first, inner[0], inner[1]), np.where(first, values[0], values[1])
+        left = first[1] > second[1]
+        low = np.where(left, low, first[0])
+        high = np.where(left, second[0], high)
+        better = np.where(left, first, second)
+        reach = GOLDEN * (high - low)
+        fresh = point(np.where(left, high - reach, low + reach))
+        first = np.where(left, fresh, better)
+        second = np.where(left, better, fresh)
+    angle, largest = np.where(first[1] > second[1], first, second)
+    return angle, largest

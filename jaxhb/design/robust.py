@@ -63,14 +63,6 @@ class Scatter:
     box: Box
     shares: np.ndarray
 
-    def of_lanes(self, train: DriveTrain) -> DriveTrain:
-        """Give the numbers of a train other values within the box: what changes is
-        known from it.
-        """
-        return train.replace(
-            self.box.scaled(train, np.full(len(self.box.parameters), 0.3))
-        )
-
 
 def moved(
     tolerances: Sequence[Tolerance], before: DriveTrain, after: DriveTrain

@@ -208,7 +208,9 @@ def tune(
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)
     rules = Rules(optimizer, rate, tuple(widths), improvement, patience)
-    question = Question(train, rpm, task, harmonics, tolerance)
+    check = partial(
+        check_between, rpm=rpm, task=task, harmonics=harmonics, tolerance=tolerance
+    )
     every_speed = np.arange(len(rpm))
     n_parameters = len(task.parameters)
     drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, n_parameters))
@@ -279,7 +281,8 @@ def tune(
 
     random = np.log(drawn / (1 - drawn))
     if robust is None:
-        return tune_between(question, partial(tuned_at_lanes, train), random)
+        tune_from = partial(tuned_at_lanes, train)
+        return _tune_between(train, rpm, task, check, tune_from, random)
     tolerances = tuple(tolerances) or read_tolerances(train)
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
@@ -295,7 +298,7 @@ def tune(
         tolerance=tolerance,
         out=out,
     )
-    return result if result.interrupted else checked_between(question, result)
+    return result if result.interrupted else _checked(train, check, result)
 
 
 def _at_lanes(objective: Objective, speeds: np.ndarray) -> Objective:
@@ -306,62 +309,40 @@ def _at_lanes(objective: Objective, speeds: np.ndarray) -> Objective:
     return dataclasses.replace(objective, weights=weights)
 
 
-@dataclass(frozen=True)
-class Question:
-    """A train to be tuned: its speeds ``(n,)`` rpm, the
-    :class:`~jaxhb.design.evaluation.Task`, and ``harmonics`` and ``tolerance`` of its
-    solves.
-    """
-
-    train: DriveTrain
-    rpm: np.ndarray
-    task: Task
-    harmonics: int | None
-    tolerance: float
-
-    def checked(self, design: DriveTrain, reading: Reading | None = None) -> Checked:
-        """Check a design between the speeds; its Reading, where given, is not computed
-        again.
-        """
-        return check_between(
-            design,
-            self.rpm,
-            self.task,
-            reading,
-            harmonics=self.harmonics,
-            tolerance=self.tolerance,
-        )
-
-
-def checked_between(question: Question, result: Tuning) -> Tuning:
+def _checked(
+    train: DriveTrain, check: Callable[..., Checked], result: Tuning
+) -> Tuning:
     """Add to a Tuning the readings of its first and last design between the speeds."""
-    checked = {"after": question.checked(result.train, result.after)}
+    checked = {"after": check(result.train, reading=result.after)}
     # Where teeth hammer a look at the start would take as long as the tuning.
-    if is_linear(question.train):
-        checked["before"] = question.checked(question.train, result.before)
+    if is_linear(train):
+        checked["before"] = check(train, reading=result.before)
     return dataclasses.replace(result, checked=checked)
 
 
-def tune_between(
-    question: Question,
+def _tune_between(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    task: Task,
+    check: Callable[..., Checked],
     tune_from: Callable[..., tuple[Tuning, np.ndarray]],
     random_z: np.ndarray,
 ) -> Tuning:
     """Tune so that limits are kept between the speeds, too: the Tuning that keeps them,
     or is nearest to that.
 
-    ``tune_from(more=, critical=, history=)`` makes a Tuning from the train and further
-    designs ``(A, P)``, the first time ``random_z``, at critical speeds to follow.
+    ``check(design, reading=)`` reads a design between the speeds, its Reading, where
+    given, not again; ``tune_from(more=, critical=, history=)`` makes a Tuning from the
+    train and further designs ``(A, P)``, the first time ``random_z``, at critical
+    speeds to follow.
     """
-    rpm = question.rpm
-    task = question.task
     result, _ = tune_from(more=random_z)
     attempts: list[Tuning] = []
     sentences: list[str] = []
     followed: tuple[Followed, ...] = ()
     while not result.interrupted:
         try:
-            result = checked_between(question, result)
+            result = _checked(train, check, result)
         except KeyboardInterrupt:  # the design is there, though not checked
             return dataclasses.replace(result, interrupted=True, stopped=BY_USER)
         attempts.append(result)
@@ -373,9 +354,12 @@ def tune_between(
         followed += peaks
         if "before" in result.checked:
             followed += _new_peaks(
-                followed, question.train, rpm, exceeded(task, result.checked["before"])
+                followed, train, rpm, exceeded(task, result.checked["before"])
             )
-        starts = [task.unbounded(result.train), *_across(question, result.train)]
+        starts = [
+            task.unbounded(result.train),
+            *_across(train, task, check, result.train),
+        ]
         result, _ = tune_from(more=starts, critical=followed, history=result.history)
     if not attempts:
         return result
@@ -416,14 +400,16 @@ def _new_peaks(
     return tuple(new_peaks.values())
 
 
-def _across(question: Question, design: DriveTrain) -> list[np.ndarray]:
+def _across(
+    train: DriveTrain, task: Task, check: Callable[..., Checked], design: DriveTrain
+) -> list[np.ndarray]:
     """The z ``(P,)`` of the best of some designs that have one number elsewhere within
     its bounds, if it is better.
     """
     # Where teeth hammer a look at so many designs would take as long as the tuning.
-    if not is_linear(question.train):
+    if not is_linear(train):
         return []
-    own_z = question.task.unbounded(design)
+    own_z = task.unbounded(design)
     numbers = np.arange(len(own_z))
     designs = [
         own_z,
@@ -433,16 +419,13 @@ def _across(question: Question, design: DriveTrain) -> list[np.ndarray]:
             for place in ACROSS
         ),
     ]
-    best = int(np.argmin([_share_of(question, z) for z in designs]))
+    checks = [check(train.replace(task.named(z))) for z in designs]
+    shares = [
+        worst_share(task, checked) if checked.solved.all() else np.inf
+        for checked in checks
+    ]
+    best = int(np.argmin(shares))
     return [designs[best]] if best else []
-
-
-def _share_of(question: Question, z: np.ndarray) -> float:
-    """The largest reading over its limit of the design z, at and between the speeds;
-    inf where one is not solved.
-    """
-    checked = question.checked(question.train.replace(question.task.named(z)))
-    return worst_share(question.task, checked) if checked.solved.all() else np.inf
 
 
 def _result(

@@ -480,10 +480,7 @@ class _Search:
 
         part = self.keep(self.parts, work)
         for i, u, responses in zip(*part["tried"], strict=True):
-            shares = tuple(u.tolist())
-            self.tried[i][shares] = np.fmax(
-                self.tried[i].get(shares, responses), responses
-            )
+            self._remember(i, u, responses)
         self.evaluations = part["evaluations"]
         return part["value"]
 
@@ -574,20 +571,19 @@ class _Search:
         """
         near = _take(self.point, speed) if near is None else near
         outcome = self._solve(u, near, which)
-        lanes = zip(
-            speed.tolist(),
-            map(tuple, u.tolist()),
-            outcome[0],
-            np.broadcast_to(which, len(u)),
-            strict=True,
-        )
-        for i, shares, responses, to_solve in lanes:
-            if to_solve:
-                self.tried[i][shares] = np.fmax(
-                    self.tried[i].get(shares, responses), responses
-                )
-                self.log.append((i, shares, responses))
+        for lane in np.flatnonzero(np.broadcast_to(which, len(u))):
+            tried = int(speed[lane]), u[lane], outcome[0][lane]
+            self._remember(*tried)
+            self.log.append(tried)
         return outcome
+
+    def _remember(self, i: int, u: np.ndarray, responses: np.ndarray) -> None:
+        """Keep the largest responses ``(Q,)`` of a train of shares ``(P,)`` at a
+        speed.
+        """
+        shares = tuple(u.tolist())
+        known = self.tried[i].get(shares, responses)
+        self.tried[i][shares] = np.fmax(known, responses)
 
     def sampled(self, drawn: np.ndarray, which: np.ndarray | bool = True) -> np.ndarray:
         """Responses ``(n, S, Q)`` of a sample ``(S, P)``, its lanes near those of the

@@ -30,11 +30,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers, concrete, namespace, on_host, staged, traced
+from jaxhb._jax import (
+    Array,
+    Number,
+    Numbers,
+    concrete,
+    namespace,
+    on_host,
+    staged,
+    traced,
+)
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
-from jaxhb.linear.tangent import at_pressed_load
+from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
@@ -77,36 +86,30 @@ UNBALANCED = 1e-9
 # for
 SAMPLES = 4096
 
-AmplitudeEquations = tuple[DriveTrain, chain.System, Array, Array, Array]
-"""Equations of :func:`settled_amplitudes`: the train, its system without tables, rpm
-``(m,)``, omega ``(H,)`` rad/s, and load ``(S, H)`` N.
+AmplitudeEquations = tuple[DriveTrain, chain.System, Number, Array, Array]
+"""Equations of :func:`settled_amplitudes`: the train, its system without tables, rpm,
+omega ``(H,)`` rad/s, and load ``(S, H)`` N.
 """
 
 
 def varied(
-    train: DriveTrain, system: chain.System, rpm: Array, omega: Array, amplitude: Array
+    train: DriveTrain, system: chain.System, rpm: Number, omega: Array, amplitude: Array
 ) -> chain.System:
     """The ``system`` of a train without its tables, with the stiffness of every link at
-    every frequency ``omega`` ``(H,)`` rad/s, speed after speed ``(m,)`` with all
-    harmonics of each; ``amplitude`` ``(m, A)`` rad of the links that depend on it.
+    every frequency ``omega`` ``(H,)`` rad/s; ``amplitude`` ``(A,)`` rad of the links
+    that depend on it.
     """
-    width = len(omega) // len(rpm)
     shafts = len(train.topology.shaft_names)
-
-    def per_frequency(values: Array) -> jax.Array:
-        return jnp.repeat(values.T, width, axis=-1)
-
-    links, stiffer, damped = factors(
-        train, omega / (2 * np.pi), list(per_frequency(amplitude))
-    )
+    amplitudes = jnp.broadcast_to(amplitude[:, None], (len(amplitude), len(omega)))
+    links, stiffer, damped = factors(train, omega / (2 * np.pi), list(amplitudes))
     radius = system.radius[np.array(train.topology.damper_disk, dtype=int)]
     stiffness, viscous, loss = (
         jnp.broadcast_to(a[:, None], (len(a), len(omega)))
         for a in (system.stiffness, system.viscous, system.loss)
     )
     # From N m/rad to N/m on the pitch circle of the rotor.
-    tuned = per_frequency(order_stiffness(train, speed_ratios(train), rpm) / radius**2)
-    stiffness = stiffness.at[shafts : shafts + len(radius)].add(tuned)
+    tuned = order_stiffness(train, speed_ratios(train), rpm) / radius**2
+    stiffness = stiffness.at[shafts : shafts + len(radius)].add(tuned[:, None])
     return dataclasses.replace(
         system,
         stiffness=scaled(stiffness, links, stiffer),
@@ -116,94 +119,85 @@ def varied(
 
 
 def twist_amplitude(
-    train: DriveTrain, system: chain.System, deflection: Array, speeds: int
+    train: DriveTrain, system: chain.System, deflection: Array
 ) -> jax.Array:
-    """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections
-    ``(L, H)`` in m at m ``speeds``.
+    """Amplitudes ``(A,)`` in rad of the links that depend on them, from deflections
+    ``(L, H)`` in m.
     """
     links = np.array(train.topology.amplitude_links, dtype=int)
     twist = deflection[links] / system.radius[system.tree.end_a[links]][:, None]
     # One-sided amplitudes are twice the coefficients; the mean is no vibration.
-    orders = (4 * (twist.real**2 + twist.imag**2)).reshape(len(links), speeds, -1)[
-        ..., 1:
-    ]
-    square = orders.sum(-1).T
+    square = (4 * _square(twist))[:, 1:].sum(-1)
     # The root has no derivative at 0, where nothing twists the link.
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 def is_settled(amplitude: Array, resulting: Array) -> jax.Array:
-    """Whether all amplitudes ``(m, A)`` of a speed equal the ``resulting`` ones of the
-    response with them, ``(m,)``.
+    """Whether all amplitudes ``(A,)`` equal the ``resulting`` ones of the response with
+    them.
     """
-    return jnp.all(jnp.abs(resulting - amplitude) <= ACCEPTED * resulting, axis=-1)
+    return jnp.all(jnp.abs(resulting - amplitude) <= ACCEPTED * resulting)
 
 
 def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array:
-    """g ``(m, A)``: the amplitudes of the response with links at ``amplitude``."""
+    """g ``(A,)``: the amplitudes of the response with links at ``amplitude``."""
     train, system, rpm, omega, load = equations
     system = varied(train, system, rpm, omega, amplitude)
     _, force = dynamic_stiffness.solve_linear(system, omega, load[:, None])
     C = dynamic_stiffness.link_stiffness(system, omega)
-    deflection = force[:, 0] / jnp.where(C == 0, 1.0, C)
-    return twist_amplitude(train, system, deflection, len(rpm))
+    return twist_amplitude(train, system, force[:, 0] / jnp.where(C == 0, 1.0, C))
 
 
 def _linearised(
     equations: AmplitudeEquations, amplitude: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
+    """g - A ``(A,)``, and 1 - dg/dA ``(A, A)``."""
     resulting, push = jax.linearize(lambda a: _resulting(equations, a), amplitude)
-    basis = jnp.eye(amplitude.shape[1])
-    columns = jax.vmap(push)(
-        jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape))
-    )
-    return resulting - amplitude, basis - columns.transpose(1, 2, 0)
+    basis = jnp.eye(len(amplitude))
+    return resulting - amplitude, basis - jax.vmap(push)(basis).T
 
 
 @jax.custom_jvp
 def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
-    """Amplitudes ``(m, A)`` in rad that lead to themselves; see :func:`is_settled`."""
-    train, _, rpm, _, _ = equations
-    start = jnp.zeros((len(rpm), len(train.topology.amplitude_links)))
+    """Amplitudes ``(A,)`` in rad that lead to themselves; see :func:`is_settled`."""
+    train, *_ = equations
+    start = jnp.zeros(len(train.topology.amplitude_links))
     change, matrix = _linearised(equations, start)
     scale = jnp.where(change > 0, change, 1.0)
 
     State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, int]
 
     def size(change: jax.Array) -> jax.Array:
-        return jnp.max(jnp.abs(change) / scale, axis=-1, initial=0.0)
+        return jnp.max(jnp.abs(change) / scale, initial=0.0)
 
     def unsettled(state: State) -> jax.Array:
         _, change, _, _, steps = state
-        return (steps < STEPS) & jnp.any(size(change) > SETTLED)
+        return (steps < STEPS) & (size(change) > SETTLED)
 
     def step(state: State) -> State:
         amplitude, change, matrix, time, steps = state
-        implicit = matrix + jnp.eye(matrix.shape[-1]) / time[:, None, None]
-        move = jnp.linalg.solve(implicit, change[..., None])[..., 0]
+        implicit = matrix + jnp.eye(len(matrix)) / time
+        move = jnp.linalg.solve(implicit, change)
         trial = jnp.maximum(amplitude + move, 0.0)
         trial_change, trial_matrix = _linearised(equations, trial)
-        predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
+        predicted = change - matrix @ (trial - amplitude)
         # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude
         # that repels: it is refused.
-        forward = jnp.sum(move * change / scale**2, axis=-1) > 0
+        forward = jnp.sum(move * change / scale**2) > 0
         good = forward & (size(trial_change - predicted) <= CURVED * size(change))
-        # A speed that has settled stays as it is while others go on.
-        accepted = good & (size(change) > SETTLED)
         gain = size(change) / jnp.maximum(size(trial_change), 1e-3 * size(change))
         # Steps in time grow as g - A falls (switched evolution relaxation), which makes
         # the last ones Newton's.
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
         return (
-            jnp.where(accepted[:, None], trial, amplitude),
-            jnp.where(accepted[:, None], trial_change, change),
-            jnp.where(accepted[:, None, None], trial_matrix, matrix),
+            jnp.where(good, trial, amplitude),
+            jnp.where(good, trial_change, change),
+            jnp.where(good, trial_matrix, matrix),
             time,
             steps + 1,
         )
 
-    state = start, change, matrix, jnp.ones(len(rpm)), 0
+    state = start, change, matrix, jnp.ones(()), 0
     return lax.while_loop(unsettled, step, state)[0]
 
 
@@ -218,7 +212,7 @@ def _settled_jvp(
         lambda e: _resulting(e, amplitude), (equations,), (equations_dot,)
     )
     _, matrix = _linearised(equations, amplitude)
-    return amplitude, jnp.linalg.solve(matrix, pushed[..., None])[..., 0]
+    return amplitude, jnp.linalg.solve(matrix, pushed)
 
 
 @register
@@ -323,6 +317,40 @@ def forced_response(
     return response if np.ndim(rpm) else response[0]
 
 
+def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
+    """Receptance ``(n,)`` in rad/(N m) of a train, teeth in contact: the angle of
+    ``disk`` over a torque on the disk ``at``, at positive ``hz`` ``(n,)``.
+
+    :class:`SceneError` if there is no such disk.
+
+    >>> import jax.numpy as jnp
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
+    ...     ]
+    ... )
+    >>> H = jaxhb.frequency_response(
+    ...     train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)])
+    ... )  # 100 / (p^2 (p^2 + 100) 2 2)
+    >>> [round(float(value), 9) for value in H.real]
+    [-0.013333333]
+    """
+    ends = train.topology.disk_index(disk), train.topology.disk_index(at)
+    return _receptance(linear_train(train), 2 * np.pi * jnp.asarray(hz, float), ends)
+
+
+@partial(Program, static_argnames="ends")
+def _receptance(train: DriveTrain, omega: Array, ends: tuple[int, int]) -> Array:
+    """Receptance ``(n,)`` in rad/(N m) between two disks."""
+    system = chain.assemble(train)
+    disk, at = ends
+    column = np.eye(train.topology.n_disks)[:, [at]]
+    force = dynamic_stiffness.unit_forces(column, len(omega))
+    displacement, _ = dynamic_stiffness.solve_linear(system, omega, force, forces=0)
+    return displacement[disk, 0] / (system.radius[disk] * system.radius[at])
+
+
 def _at_mean_loads(
     train: DriveTrain, speeds: jax.Array, harmonics: int
 ) -> tuple[DriveTrain, ForcedResponse]:
@@ -376,27 +404,16 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
     system = chain.assemble(without_tables(train))
     topology = train.topology
-    excite = jax.vmap(lambda speed: excitation(train, speed, harmonics))
-    torque, load_torque, _ = excite(rpm)
-    together = _together(topology.n_disks, harmonics, len(rpm))
-    groups = -(-len(rpm) // together)
-
-    def grouped(values: Array) -> jax.Array:
-        # The last speed again: a speed of 0 could make nan, which derivatives would
-        # spread.
-        padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
-        return jnp.concatenate([values, padding]).reshape(
-            groups, together, *values.shape[1:]
-        )
-
     rigid = chain.rigid_shape(train, system.radius)
-    grouped_fields = lax.map(
-        lambda group: _fields_of_group(train, system, rigid, group[0], group[1]),
-        (grouped(rpm), grouped(torque)),
-    )
+    together = _together(topology.n_disks, harmonics, len(rpm))
+    # The last speed again: a speed of 0 could make nan, which derivatives would spread.
+    padded_rpm = jnp.pad(rpm, (0, -len(rpm) % together), mode="edge")
+    fields_at = partial(_fields, train, system, rigid, harmonics)
+    grouped = lax.map(jax.vmap(fields_at), padded_rpm.reshape(-1, together))
     fields = jax.tree.map(
-        lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], grouped_fields
+        lambda a: a.reshape(len(padded_rpm), *a.shape[2:])[: len(rpm)], grouped
     )
+    load_torque = fields.pop("load_torque")
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
     law, radius = jax.tree.map(
@@ -420,25 +437,20 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
 
 
 def _together(disks: int, harmonics: int, speeds: int) -> int:
-    """Number of speeds of a group, chosen for little padding: padded arrays are copied
-    to be cut off.
-    """
+    """Number of speeds that are swept together, one that divides them if there is."""
     most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
-def _fields_of_group(
-    train: DriveTrain, system: chain.System, rigid: Array, rpm: Array, torque: Array
+def _fields(
+    train: DriveTrain, system: chain.System, rigid: Array, harmonics: int, rpm: Number
 ) -> dict[str, Array]:
-    """Fields of the response, by name, of a group of speeds ``(m,)`` under torques
-    ``(m, S, N+1)`` N m.
-    """
-    speeds, disks, width = torque.shape
+    """Fields of the response at a speed, by name."""
     topology = train.topology
-    shape = (speeds, width)
-    omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
-    load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
-    amplitude = jnp.zeros((speeds, 0))
+    torque, load_torque, _ = excitation(train, rpm, harmonics)
+    omega = topology.cycle_frequency(rpm) * jnp.arange(harmonics + 1)
+    load = torque / system.radius[:, None]
+    amplitude = jnp.zeros(0)
     if topology.amplitude_links:
         amplitude = settled_amplitudes((train, system, rpm, omega, load))
     if varying(topology):
@@ -450,21 +462,18 @@ def _fields_of_group(
     if error is not None:
         # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e,
         # and reduce the link's own force.
-        error = jnp.tile(fourier.resize(error, width - 1), speeds)
+        error = fourier.resize(error, harmonics)
         load = load + system.spread(C[shafts:] * error, slice(shafts, None))
     displacement, force = (
         a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None])
     )
-    left, largest_load, largest_force = dynamic_stiffness.balance(
-        system, omega, load, displacement, force
-    )
     residual, status = residual_and_status(
-        left.reshape(shape), largest_load.reshape(shape), largest_force.reshape(shape)
+        *dynamic_stiffness.balance(system, omega, load, displacement, force)
     )
     # For the mean the sweep holds a floating train at its root: the rigid rotation that
     # this leaves is taken out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
-    angle = chain.to_angles(system, displacement - mean)
+    angles = chain.to_angles(system, displacement - mean)
 
     if error is not None:
         force = jnp.asarray(force).at[shafts:].add(-C[shafts:] * error)
@@ -472,36 +481,32 @@ def _fields_of_group(
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
     if topology.amplitude_links:
-        settled = is_settled(
-            amplitude, twist_amplitude(train, system, deflection, speeds)
-        )
+        settled = is_settled(amplitude, twist_amplitude(train, system, deflection))
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
 
-    def by_speed(values: Array) -> Array:
-        return values.reshape(len(values), *shape).transpose(1, 0, 2)
-
     def power(values: Array) -> Array:
-        return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
+        return (2 * omega * values).sum(-1)
 
     def work_rate(force: Array, displacement: Array) -> Array:
-        return power((force * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
+        return power((force * jnp.conj(1j * displacement)).real.sum(0))
 
     disk_power = power(omega * system.damping[:, None] * _square(displacement))
     link_power = power(C.imag * _square(deflection))
     input_power = work_rate(exciting, displacement)
     if error is not None:
         input_power = input_power - work_rate(force[shafts:], error)
-    power_defect = (input_power - disk_power.sum(-1) - link_power.sum(-1)) / jnp.where(
+    power_defect = (input_power - disk_power.sum() - link_power.sum()) / jnp.where(
         input_power > 0, input_power, 1.0
     )
     return {
-        "angles": by_speed(angle),
-        "torques": by_speed((force * ends)[:shafts]),
-        "elastic_torques": by_speed((elastic * ends)[:shafts]),
-        "deflections": by_speed(deflection[shafts:]),
-        "forces": by_speed(force[shafts:]),
-        "elastic_forces": by_speed(elastic[shafts:]),
+        "load_torque": load_torque,
+        "angles": angles,
+        "torques": (force * ends)[:shafts],
+        "elastic_torques": (elastic * ends)[:shafts],
+        "deflections": deflection[shafts:],
+        "forces": force[shafts:],
+        "elastic_forces": elastic[shafts:],
         "residual": residual,
         "status": status,
         "power_defect": power_defect,

@@ -1,5 +1,5 @@
-"""Characteristic polynomials and frequency responses by their values, at any size,
-without quotients (Moliboshko).
+"""Characteristic polynomials by their values, at any size, without quotients
+(Moliboshko).
 
 For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with
 inertia; link stiffnesses are ``k = c + r p``. The source's R of a free train is ``D /
@@ -11,30 +11,29 @@ a loop between disks x and y adds ``k (a^2 D_x + b^2 D_y - 2 a b D_way)``, deter
 without it: with x held, with y held, and with all disks of the way from x to y held,
 times the k a b of its links.
 
-Near a root large terms cancel. :class:`Doubled` has some 24 digits: sums carry their
-rounding errors along (D. E. Knuth, The Art of Computer Programming 2, 4.2.2), products
-are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18 (1971) 224).
-Only damping times p, and terms with radii of gears, are rounded.
+Near a root large terms cancel. :func:`doubled` numbers ``(..., 2, n)``, a high part and
+a low one, have some 24 digits: sums carry their rounding errors along (D. E. Knuth, The
+Art of Computer Programming 2, 4.2.2), products are made of halves whose products are
+exact (T. J. Dekker, Numer. Math. 18 (1971) 224). Only damping times p, and terms with
+radii of gears, are rounded.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
-from operator import add, itemgetter
-from typing import Any, TypeVar
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Number, Numbers, concrete, traced
+from jaxhb._jax import Array, added, concrete, namespace, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.sentences import SceneError
@@ -48,91 +47,68 @@ LAST = -1  # in place of a link, for the last disk of a way
 # halves are exact
 HALF = 25
 
-Way = dict[int, int]
+Way: TypeAlias = dict[int, int]
 """Disks of a way between two disks, each with the link to the next; LAST of the last
 disk.
 """
 
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Doubled:
-    """Complex numbers ``high + low``, high rounded from the sum; +, * and indices work
-    as for arrays.
-    """
-
-    high: jax.Array
-    low: jax.Array
-
-    def __add__(self, other: Doubled | Array) -> Doubled:
-        return _total(self, doubled(other))
-
-    def __mul__(self, other: Doubled | Array) -> Doubled:
-        return _product(self, doubled(other))
-
-    def __getitem__(self, index: int | Array) -> Doubled:
-        return Doubled(self.high[index], self.low[index])
-
-    def scaled(self, real: Number) -> Doubled:
-        """Multiply by a real number; rounded as float64 unless it is a power of two."""
-        return Doubled(self.high * real, self.low * real)
-
-    def put(self, index: int | Array, value: Doubled | Array) -> Doubled:
-        """Copy with ``value`` at an index."""
-        value = doubled(value)
-        high = self.high.at[index].set(value.high)
-        return Doubled(high, self.low.at[index].set(value.low))
+Ring: TypeAlias = tuple[
+    Callable[[Array, Array], Array], Callable[[Array, Array], Array]
+]
+"""Sum and product of numbers that the recursion is made of."""
 
 
-def doubled(value: Doubled | Array) -> Doubled:
-    """Convert a real or complex array to :class:`Doubled`."""
-    if isinstance(value, Doubled):
-        return value
-    high = jnp.asarray(value).astype(complex)
-    return Doubled(high, jnp.zeros_like(high))
+def doubled(values: Array) -> jax.Array:
+    """Numbers of twice the digits ``(..., 2, n)`` from numbers ``(..., n)``."""
+    high = jnp.asarray(values).astype(complex)
+    return jnp.stack([high, jnp.zeros_like(high)], axis=-2)
 
 
 @jax.custom_jvp
-def _total(a: Doubled, b: Doubled) -> Doubled:
-    total, lost = _sum(a.high, b.high)
-    return _joined(total, lost + (a.low + b.low))
+def total(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Sum of :func:`doubled` numbers."""
+    high, lost = _sum(a[..., 0, :], b[..., 0, :])
+    return _joined(high, lost + (a[..., 1, :] + b[..., 1, :]))
 
 
 @jax.custom_jvp
-def _product(a: Doubled, b: Doubled) -> Doubled:
-    a1 = _leading(a.high)
-    b1 = _leading(b.high)
-    a2 = a.high - a1
-    b2 = b.high - b1
+def product(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Product of :func:`doubled` numbers."""
+    a_high = a[..., 0, :]
+    b_high = b[..., 0, :]
+    a1 = _leading(a_high)
+    b1 = _leading(b_high)
+    a2 = a_high - a1
+    b2 = b_high - b1
     # Four exact products: a complex product would round their sums.
-    total, lost = _sum(
+    high, lost = _sum(
         lax.complex(a1.real * b1.real, a1.real * b1.imag),
         lax.complex(-a1.imag * b1.imag, a1.imag * b1.real),
     )
-    total, more = _sum(total, a1 * b2 + a2 * b1)
-    return _joined(total, (lost + more) + (a2 * b2 + (a.high * b.low + a.low * b.high)))
+    high, more = _sum(high, a1 * b2 + a2 * b1)
+    mixed = a_high * b[..., 1, :] + a[..., 1, :] * b_high
+    return _joined(high, (lost + more) + (a2 * b2 + mixed))
 
 
 # Derivatives are as exact as float64: near a root the value is a small difference of
 # large terms, its derivative is not.
 
 
-@_total.defjvp
+@total.defjvp
 def _total_jvp(
-    primals: tuple[Doubled, Doubled], tangents: tuple[Doubled, Doubled]
-) -> tuple[Doubled, Doubled]:
-    a, b = primals
-    da, db = tangents
-    return _total(a, b), doubled(da.high + db.high)
+    primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    a_dot, b_dot = tangents
+    return total(*primals), doubled(a_dot[..., 0, :] + b_dot[..., 0, :])
 
 
-@_product.defjvp
+@product.defjvp
 def _product_jvp(
-    primals: tuple[Doubled, Doubled], tangents: tuple[Doubled, Doubled]
-) -> tuple[Doubled, Doubled]:
-    a, b = primals
-    da, db = tangents
-    return _product(a, b), doubled(a.high * db.high + da.high * b.high)
+    primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    a, b = (number[..., 0, :] for number in primals)
+    a_dot, b_dot = (number[..., 0, :] for number in tangents)
+    return product(*primals), doubled(a * b_dot + a_dot * b)
 
 
 def _sum(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -142,13 +118,13 @@ def _sum(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
     return total, (a - (total - shown)) + (b - shown)
 
 
-def _joined(high: jax.Array, low: jax.Array) -> Doubled:
+def _joined(high: jax.Array, low: jax.Array) -> jax.Array:
     """Sum of a number and a much smaller one."""
     total = high + low
     # Without the barrier compilers compute every number again wherever it is used,
     # product within product.
-    total, error = lax.optimization_barrier((total, low - (total - high)))
-    return Doubled(total, error)
+    parts = lax.optimization_barrier((total, low - (total - high)))
+    return jnp.stack(parts, axis=-2)
 
 
 def _leading(a: jax.Array) -> jax.Array:
@@ -157,9 +133,6 @@ def _leading(a: jax.Array) -> jax.Array:
     return lax.complex(
         lax.reduce_precision(a.real, 11, HALF), lax.reduce_precision(a.imag, 11, HALF)
     )
-
-
-DoubledOrArray = TypeVar("DoubledOrArray", Doubled, jax.Array)
 
 
 @jax.tree_util.register_dataclass
@@ -191,41 +164,27 @@ class Scaled:
         rest = jnp.clip(self.exponent - half, -1100, 1100).astype(int)
         return self.mantissa * jnp.ldexp(1.0, half) * jnp.ldexp(1.0, rest)
 
-    def __truediv__(self, other: Scaled) -> Scaled:
-        return rescaled(self.mantissa / other.mantissa, self.exponent - other.exponent)
 
-    def __mul__(self, factor: Number) -> Scaled:
-        return Scaled(self.mantissa * factor, self.exponent)
-
-    def __add__(self, other: Scaled) -> Scaled:
-        exponent = jnp.maximum(self.exponent, other.exponent)
-        a, b = (
-            z * jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int))
-            for z in (self, other)
-        )
-        return rescaled(a.mantissa + b.mantissa, exponent)
-
-
-def shifted(
-    numbers: Sequence[DoubledOrArray],
-) -> tuple[tuple[DoubledOrArray, ...], jax.Array]:
-    """Divide numbers by the power of two that brings their largest modulus between 1/2
-    and 1, and return its exponent with them.
+def rescaled(numbers: jax.Array, exponent: jax.Array) -> Scaled:
+    """``numbers 2^exponent``, ``(..., n)`` and ``(n,)``, with one exponent that brings
+    their largest modulus between 1/2 and 1.
     """
     # Powers of two cancel between mantissa and exponent: they have no derivative.
-    rough = [
-        lax.stop_gradient(z.high if isinstance(z, Doubled) else z) for z in numbers
-    ]
-    sizes = [jnp.maximum(jnp.abs(z.real), jnp.abs(z.imag)) for z in rough]
-    shift = jnp.frexp(jnp.max(jnp.stack(sizes), axis=0))[1]
-    factor = jnp.ldexp(1.0, -shift)
-    return jax.tree.map(lambda z: z * factor, tuple(numbers)), shift.astype(float)
+    rough = lax.stop_gradient(numbers)
+    size = jnp.maximum(jnp.abs(rough.real), jnp.abs(rough.imag))
+    shift = jnp.frexp(size.max(axis=tuple(range(size.ndim - 1))))[1]
+    return Scaled(numbers * jnp.ldexp(1.0, -shift), exponent + shift)
 
 
-def rescaled(number: jax.Array, exponent: jax.Array) -> Scaled:
-    """``number 2^exponent`` as :class:`Scaled`."""
-    (number,), shift = shifted((number,))
-    return Scaled(number, exponent + shift)
+def _at_one_exponent(numbers: Scaled) -> Scaled:
+    """Numbers ``(T, ..., n)`` with exponents ``(T, n)``, all with the largest one
+    ``(n,)``.
+    """
+    exponent = numbers.exponent.max(axis=0)
+    shift = jnp.maximum(numbers.exponent - exponent, -2000).astype(int)
+    factor = jnp.ldexp(1.0, shift)
+    between = range(1, numbers.mantissa.ndim - 1)
+    return Scaled(numbers.mantissa * jnp.expand_dims(factor, tuple(between)), exponent)
 
 
 def closing_link(topology: Topology) -> int | None:
@@ -252,22 +211,6 @@ def way_between(topology: Topology, a: int, b: int) -> Way:
         way[int(tree.node[position])] = int(tree.link[position])
         position = int(tree.parent[position])
     return way | {b: LAST}
-
-
-def ways_between(topology: Topology, a: int, b: int) -> list[Way]:
-    """All ways from disk a to b: one, or both ways round the loop where it lies between
-    them.
-    """
-    ways = [way_between(topology, a, b)]
-    closing = closing_link(topology)
-    if closing is None:
-        return ways
-    for x, y in itertools.permutations(topology.link_ends[closing]):
-        before = way_between(topology, a, x)
-        behind = way_between(topology, y, b)
-        if not before.keys() & behind.keys():
-            ways.append(before | {x: closing} | behind)
-    return ways
 
 
 def closed(
@@ -313,93 +256,126 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
 @Program
 def _characteristic(train: DriveTrain, p: jax.Array) -> Scaled:
-    system = chain.assemble(train)
-    (determinant,) = _determinants(system, train.topology, p, [{}])
-    return _over_inertias(system, determinant)
+    return _determinant(chain.assemble(train), train.topology, p)
 
 
-def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
-    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop, from
-    polynomials of its parts.
-
-    ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the
-    rest, its disks held) / D``: one way, or the two round the loop.
-
-    It is the angle of ``disk`` over a torque on the disk ``at``, at positive ``hz``
-    ``(n,)``. :class:`SceneError` if there is no such disk, or more than one closed
-    loop.
-
-    >>> import jax.numpy as jnp
-    >>> train = jaxhb.build(
-    ...     [
-    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
-    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
-    ...     ]
-    ... )
-    >>> H = jaxhb.frequency_response(
-    ...     train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)])
-    ... )  # 100 / (p^2 (p^2 + 100) 2 2)
-    >>> [round(float(value), 9) for value in H.real]
-    [-0.013333333]
-    """
-    ends = train.topology.disk_index(disk), train.topology.disk_index(at)
-    return _receptance(linear_train(train), 2j * np.pi * jnp.asarray(hz, float), ends)
-
-
-@partial(Program, static_argnames="ends")
-def _receptance(train: DriveTrain, p: jax.Array, ends: tuple[int, int]) -> jax.Array:
-    """Receptance ``(n,)`` in rad/(N m) between two disks."""
-    system = chain.assemble(train)
-    a, b = ends
-    ways = ways_between(train.topology, a, b)
-    whole, *parts = _determinants(system, train.topology, p, [{}, *ways])
-    response = reduce(add, parts) / whole
-    return response.value() / (system.radius[a] * system.radius[b])
-
-
-def _determinants(
-    system: chain.System, topology: Topology, p: jax.Array, ways: Sequence[Way]
-) -> Iterator[Scaled]:
-    """``det(p^2 M + p B + K)`` ``(n,)`` in displacements for each way: with its disks
-    held, times k a b of its links.
-    """
+def _determinant(system: chain.System, topology: Topology, p: jax.Array) -> Scaled:
+    """D ``(n,)`` of a System at ``p`` ``(n,)``."""
+    stiffness, loss, viscous, mass, damping, ground = (
+        jnp.asarray(field)[:, None]
+        for field in (
+            system.stiffness,
+            system.loss,
+            system.viscous,
+            system.mass,
+            system.damping,
+            system.ground,
+        )
+    )
     # Loss factors count with the sign of Im p.
-    stiffness, loss, viscous = (
-        jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous)
-    )
-    C = doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(
-        viscous
-    )
+    elastic = stiffness * (1 + 1j * loss * jnp.sign(p.imag))
+    long_p = doubled(p)
+    C = total(doubled(elastic), long_p * viscous[..., None])
+    held_to = total(long_p * damping[..., None], doubled(ground))
+    Z = total(product(product(long_p, long_p), doubled(mass)), held_to)
+    ways: list[Way] = [{}]
+    factors = [doubled(jnp.ones_like(p))]
     closing = closing_link(topology)
-    terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
     if closing is not None:
-        added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
-        for way, terms_of_way in zip(ways, terms, strict=True):
-            # Where an end of the link is held already, or the way is cut, there is
-            # nothing to add.
-            terms_of_way += [
-                (C[closing] * factor, way | more)
-                for factor, more in added
-                if not way.keys() & more.keys()
-            ]
-    held_ways = [way for terms_of_way in terms for _, way in terms_of_way]
-    held = np.zeros((len(held_ways), topology.n_disks), bool)
-    passed = np.full((len(held_ways), topology.n_disks), LAST)
-    for row, way in enumerate(held_ways):
+        for factor, way in closed(
+            topology, closing, system.arm_a[closing], system.arm_b[closing]
+        ):
+            ways.append(way)
+            factors.append(C[closing] * factor)
+    held = np.zeros((len(ways), topology.n_disks), bool)
+    passed = np.full((len(ways), topology.n_disks), LAST)
+    for row, way in enumerate(ways):
         held[row, list(way)] = True
         passed[row, list(way)] = list(way.values())
-    determinant = jax.vmap(
-        lambda held, passed: _determinant(system, C, p, held, passed)
+    of_way = jax.vmap(partial(_of_tree, system, C, Z))
+    terms = _at_one_exponent(of_way(held, passed))
+    sum_of_terms = reduce(total, map(product, terms.mantissa, factors))
+    determinant = rescaled(sum_of_terms[0], terms.exponent)
+
+    # The row of each disk with inertia is divided by it, other rows are in angles.
+    heavy = mass[:, 0] > 0
+    by_row = jnp.where(heavy, 1 / jnp.where(heavy, mass[:, 0], 1.0), system.radius**2)
+
+    def multiplied(value: Scaled, factor: jax.Array) -> tuple[Scaled, None]:
+        return rescaled(value.mantissa * factor, value.exponent), None
+
+    return lax.scan(multiplied, determinant, by_row)[0]
+
+
+def _of_tree(
+    system: chain.System, C: jax.Array, Z: jax.Array, held: Array, passed: Array
+) -> Scaled:
+    """Determinant without the closing link, a :func:`doubled` number, of links ``C``
+    and disks ``Z``; ``held`` ``(S,)``: which disks are held, ``passed`` ``(S,)``: the
+    links whose k a b stand in their places, LAST for 1.
+    """
+    tree = system.tree
+    arm_a = jnp.asarray(system.arm_a)
+    arm_b = jnp.asarray(system.arm_b)
+    unit = doubled(jnp.ones(Z.shape[-1]))
+    factors = jnp.append(C * (arm_a * arm_b)[:, None, None], unit[None], axis=0)
+    Z = jnp.where(held[:, None, None], factors[passed], Z)
+    order = tree.node[:-1]
+    link = tree.link[:-1]
+    above = tree.node[tree.parent[:-1]]
+    # Without an arm at a disk that is held a link holds the other disk alone.
+    near = jnp.where(
+        held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link])
     )
-    determinants = determinant(held, passed)
-    rows = iter(range(len(held_ways)))
-    for terms_of_way in terms:
-        products = [
-            jax.tree.map(itemgetter(next(rows)), determinants) * factor
-            for factor, _ in terms_of_way
-        ]
-        total = reduce(add, products)
-        yield rescaled(total.mantissa.high, total.exponent)
+    far = jnp.where(
+        held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
+    )
+
+    def hang(state: Scaled, row: tuple[Any, ...]) -> tuple[Scaled, None]:
+        disk, above, near, far, k, z = row
+        pairs = state.mantissa
+        hung = _hung((total, product), pairs[disk], pairs[above], z, k, near, far)
+        pair = rescaled(jnp.stack(hung), state.exponent[disk])
+        return (
+            Scaled(
+                pairs.at[above].set(pair.mantissa),
+                state.exponent.at[above].add(pair.exponent),
+            ),
+            None,
+        )
+
+    free = jnp.stack([jnp.zeros_like(unit), unit])
+    disks, *_, n = Z.shape
+    state = Scaled(jnp.tile(free, (disks, 1, 1, 1)), jnp.zeros((disks, n)))
+    if len(order):
+        state, _ = lax.scan(hang, state, (order, above, near, far, C[link], Z[order]))
+    root = tree.node[-1]
+    A, G = state.mantissa[root]
+    return Scaled(total(product(Z[root], G), A), state.exponent[root])
+
+
+def _hung(
+    ring: Ring,
+    part: Iterable[Array],
+    above: Iterable[Array],
+    z: Array,
+    k: Array,
+    near: Any,
+    far: Any,
+) -> tuple[Array, Array]:
+    """Pair of a disk on which a part hangs by a link k, from the pairs (sum of F, G) of
+    the part and of the disk above, and the z of the part; near and far are the arms of
+    the link, numbers of any kind.
+    """
+    add, times = ring
+    A, P = part
+    A_above, P_above = above
+    F = add(times(z, P), A)
+    W = add(F, times(P, k * (near * near)))
+    return (
+        add(times(A_above, W), times(P_above, times(F, k * (far * far)))),
+        times(P_above, W),
+    )
 
 
 @jax.tree_util.register_dataclass
@@ -450,132 +426,21 @@ def _approximation(train: DriveTrain, omega: jax.Array) -> DampedApproximation:
         changed = dataclasses.replace(
             system, stiffness=stiffness, viscous=viscous, loss=zeros
         )
-        (value,) = _determinants(changed, train.topology, 1j * omega, [{}])
-        return _over_inertias(changed, value)
+        return _determinant(changed, train.topology, 1j * omega)
 
     exact = determinant(system.stiffness, system.viscous)
     low = determinant(system.stiffness, zeros)
     high = determinant(system.stiffness + system.viscous, zeros)
-    approximate = low * (1 - 1j * omega) + high * (1j * omega)
+    all_three = jax.tree.map(lambda *rows: jnp.stack(rows), low, high, exact)
+    together = _at_one_exponent(all_three)
+    at_low, at_high, at_exact = together.mantissa
+    approximate = at_low * (1 - 1j * omega) + at_high * (1j * omega)
     return DampedApproximation(
-        exact, approximate, jnp.abs(((approximate + exact * -1.0) / exact).value())
+        exact,
+        rescaled(approximate, together.exponent),
+        jnp.abs((approximate - at_exact) / at_exact),
     )
 
-
-def _hung(
-    part: tuple[Ring, Ring],
-    above: tuple[Ring, Ring],
-    z: Ring,
-    k: Ring,
-    near: Any,
-    far: Any,
-) -> tuple[Ring, Ring]:
-    """Pair of a disk on which a part hangs by a link k, from the pairs (sum of F, G) of
-    the part and of the disk above, and the z of the part; near and far are the arms of
-    the link, numbers of any kind.
-    """
-    A, P = part
-    A_above, P_above = above
-    F = z * P + A
-    W = F + P * k.scaled(near * near)
-    return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
-
-
-def _determinant(
-    system: chain.System, C: Doubled, p: Doubled | Array, held: Array, passed: Array
-) -> Scaled:
-    """Determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held``
-    ``(S,)``: which disks are held, ``passed`` ``(S,)``: the links whose k a b stand in
-    their places, LAST for 1.
-    """
-    tree = system.tree
-    p = doubled(p)
-    mass, damping, ground = (
-        jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground)
-    )
-    arm_a = jnp.asarray(system.arm_a)
-    arm_b = jnp.asarray(system.arm_b)
-    Z = p * p * mass + (p.scaled(damping) + ground)
-    unit = doubled(jnp.ones_like(p.high))
-    factors = jax.tree.map(
-        lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], unit
-    )[passed]
-    Z = jax.tree.map(lambda a, b: jnp.where(held[:, None], a, b), factors, Z)
-    order = tree.node[:-1]
-    link = tree.link[:-1]
-    above = tree.node[tree.parent[:-1]]
-    # Without an arm at a disk that is held a link holds the other disk alone.
-    near = jnp.where(
-        held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link])
-    )
-    far = jnp.where(
-        held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
-    )
-
-    State = tuple[Doubled, Doubled, jax.Array]
-
-    def hang(state: State, link: tuple[Any, ...]) -> tuple[State, None]:
-        A, G, exponent = state
-        disk, above, near, far, k, z = link
-        (a, g), shift = shifted(
-            _hung((A[disk], G[disk]), (A[above], G[above]), z, k, near, far)
-        )
-        exponent = exponent.at[above].add(exponent[disk] + shift)
-        return (A.put(above, a), G.put(above, g), exponent), None
-
-    shape = Z.high.shape
-    state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
-    if len(order):
-        state, _ = lax.scan(hang, state, (order, above, near, far, C[link], Z[order]))
-    A, G, exponent = state
-    root = tree.node[-1]
-    return Scaled(Z[root] * G[root] + A[root], exponent[root])
-
-
-def _over_inertias(system: chain.System, determinant: Scaled) -> Scaled:
-    """D: the row of each disk with inertia divided by it, other rows in angles."""
-    mass = jnp.asarray(system.mass)
-    heavy = mass > 0
-    factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
-
-    def multiplied(value: Scaled, factor: jax.Array) -> tuple[Scaled, None]:
-        return rescaled(value.mantissa * factor, value.exponent), None
-
-    product, _ = lax.scan(multiplied, determinant, factors)
-    return product
-
-
-@dataclass(frozen=True)
-class Polynomial:
-    """Polynomial with coefficients of any kind of number, highest power first, none for
-    zero; it has the operations of Doubled.
-    """
-
-    coefficients: tuple
-
-    def __add__(self, other: Polynomial) -> Polynomial:
-        size = max(len(self.coefficients), len(other.coefficients))
-        a, b = (
-            (0,) * (size - len(polynomial.coefficients)) + polynomial.coefficients
-            for polynomial in (self, other)
-        )
-        return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
-
-    def __mul__(self, other: Polynomial) -> Polynomial:
-        a = self.coefficients
-        b = other.coefficients
-        product = [0] * (len(a) + len(b) - 1 if a and b else 0)
-        for i, x in enumerate(a):
-            for j, y in enumerate(b):
-                product[i + j] += x * y
-        return Polynomial(tuple(product))
-
-    def scaled(self, factor: Any) -> Polynomial:
-        """Multiply by a number."""
-        return Polynomial(tuple(factor * value for value in self.coefficients))
-
-
-Ring = TypeVar("Ring", Doubled, Polynomial)
 
 # Disks up to which coefficients in double precision have digits (docs/theory C5)
 LARGEST = 12
@@ -606,28 +471,34 @@ def characteristic_coefficients(
     train = linear_train(train)
     _refuse_coefficients(train, exact)
 
-    def number(value: Any) -> Any:
-        if exact:
-            return Fraction(repr(float(value)))
-        return value if traced(value) else float(value)
-
     topology = train.topology
+    xp = namespace(train)
+    ring = (xp.polyadd, xp.convolve)
+
+    def numbers(values: Array) -> Array:
+        if exact:
+            return np.array([Fraction(repr(float(value))) for value in values])
+        return xp.asarray(values, dtype=float)
+
     tree = chain.span(topology)
-    closing = closing_link(topology)
-    ground = [number(0.0)] * topology.n_disks
-    for disk, stiffness in zip(
-        topology.ground_disk, train.grounds.stiffness, strict=True
-    ):
-        ground[disk] += number(stiffness)
-    inertia = map(number, (*train.disks.inertia, *train.dampers.inertia))
-    damping = map(number, (*train.disks.damping, *np.zeros(len(topology.damper_names))))
-    Z = [Polynomial(row) for row in zip(inertia, damping, ground, strict=True)]
+    ground = added(
+        numbers(np.zeros(topology.n_disks)),
+        np.array(topology.ground_disk, dtype=int),
+        numbers(train.grounds.stiffness),
+    )
+    no_damping = np.zeros(len(topology.damper_names))
+    inertia = xp.concatenate([train.disks.inertia, train.dampers.inertia])
+    damping = xp.concatenate([train.disks.damping, no_damping])
+    Z = xp.stack([numbers(inertia), numbers(damping), ground], axis=1)
     tables = (train.shafts, train.dampers, train.meshes)
-    C = [
-        Polynomial((number(r), number(c)))
-        for table in tables
-        for r, c in zip(table.damping, table.stiffness, strict=True)
-    ]
+    C = xp.stack(
+        [
+            numbers(xp.concatenate([table.damping for table in tables])),
+            numbers(xp.concatenate([table.stiffness for table in tables])),
+        ],
+        axis=1,
+    )
+    radius = numbers(train.disks.radius)
     first_mesh = len(topology.link_names) - len(topology.mesh_names)
 
     def arms(link: int, disk: int) -> tuple[Any, Any]:
@@ -636,22 +507,18 @@ def characteristic_coefficients(
         """
         a, b = topology.link_ends[link]
         near, far = (a, b) if a == disk else (b, a)
-        if link < first_mesh:
-            return 1, 1
-        return number(train.disks.radius[near]), number(train.disks.radius[far])
+        return (1, 1) if link < first_mesh else (radius[near], radius[far])
 
-    zero = Polynomial(())
-    unit = Polynomial((number(1.0),))
+    zero = numbers(np.zeros(1))
+    unit = numbers(np.ones(1))
 
-    def determinant(way: Mapping[int, int]) -> Polynomial:
+    def determinant(way: Mapping[int, int]) -> Array:
         """Determinant of the tree with the disks of a way held, times the k a b of its
         links.
         """
-        passed = {
-            disk: unit if link == LAST else C[link].scaled(math.prod(arms(link, disk)))
-            for disk, link in way.items()
-        }
-        z = [passed.get(disk, free) for disk, free in enumerate(Z)]
+        z = list(Z)
+        for disk, link in way.items():
+            z[disk] = unit if link == LAST else C[link] * math.prod(arms(link, disk))
         pairs = [(zero, unit)] * topology.n_disks
         for disk, link, above in zip(
             tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True
@@ -660,17 +527,21 @@ def characteristic_coefficients(
                 (end not in way) * arm
                 for end, arm in zip((disk, above), arms(link, disk), strict=True)
             )
-            pairs[above] = _hung(pairs[disk], pairs[above], z[disk], C[link], near, far)
+            pairs[above] = _hung(
+                ring, pairs[disk], pairs[above], z[disk], C[link], near, far
+            )
         A, G = pairs[tree.node[-1]]
-        return z[tree.node[-1]] * G + A
+        return xp.polyadd(xp.convolve(z[tree.node[-1]], G), A)
 
     polynomial = determinant({})
+    closing = closing_link(topology)
     if closing is not None:
         arm_a, arm_b = arms(closing, topology.link_ends[closing][0])
         for factor, way in closed(topology, closing, arm_a, arm_b):
-            polynomial += C[closing].scaled(factor) * determinant(way)
-    leading = polynomial.coefficients[0]
-    return tuple(value / leading for value in polynomial.coefficients)
+            term = xp.convolve(C[closing] * factor, determinant(way))
+            polynomial = xp.polyadd(polynomial, term)
+    values = polynomial / polynomial[0]
+    return tuple(values.tolist() if xp is np else values)
 
 
 def _refuse_coefficients(train: DriveTrain, exact: bool) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.report.text.linear import holzer_text
 
 SCENE = "six_cylinder_diesel"
 
@@ -50,6 +51,12 @@ def test_the_energies_of_a_natural_frequency_are_those_of_its_mode():
     np.testing.assert_allclose(
         [strain[n] for n in modes.link_names], modes.strain_share[3], atol=1e-6
     )
+
+
+def test_a_table_at_rest_has_no_shares_of_the_kinetic_energy(train):
+    text = holzer_text([(None, jaxhb.holzer_table(train, hz=0.0))], SCENE)
+    (row,) = [row for row in map(str.split, text.splitlines()) if row[:1] == ["cyl6"]]
+    assert row[5] == row[-1] == "-"
 
 
 def test_tables_are_at_the_frequencies_and_modes_asked_for(train, run_once):

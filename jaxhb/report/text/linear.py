@@ -377,7 +377,10 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         for field in HOLZER[:6]
     )
     of_disk, of_link = (
+        # At 0 Hz nothing has kinetic energy.
         [f"{100 * share:.1f}" for share in energy / kinetic]
+        if kinetic
+        else [NONE] * len(energy)
         for energy in (table.kinetic_energy, table.strain_energy)
     )
     columns = {
