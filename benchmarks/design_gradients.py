@@ -35,8 +35,9 @@ from tasks import fastest_rate, prepare
 
 import jaxhb
 from jaxhb.balance.plan import Request
-from jaxhb.design.evaluation import Aim, Evaluator, Task
+from jaxhb.design.evaluation import Aim, Evaluator
 from jaxhb.design.quantities import Objective, Parameter, Penalty
+from jaxhb.design.task import Task
 
 MESH = "crank gear|idler"
 FORCE = Objective(quantity="tooth force", of=MESH)

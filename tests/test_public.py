@@ -16,7 +16,7 @@ import jaxhb
 from jaxhb import design
 from jaxhb.design import objectives
 from jaxhb.design.descent import Step
-from jaxhb.design.evaluation import Reading
+from jaxhb.design.task import Reading
 from jaxhb.design.tuning import Tuning
 from jaxhb.results.contact import Contact
 from jaxhb.results.record import RecordedSignal, SteadyContact, SteadySignal

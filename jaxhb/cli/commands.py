@@ -46,7 +46,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
     from jaxhb.design.descent import Step
-    from jaxhb.design.evaluation import Reading
+    from jaxhb.design.task import Reading
     from jaxhb.design.tuning import Tuning
     from jaxhb.results.dataset import Dataset
 
@@ -190,7 +190,7 @@ class _TunedFiles:
 
     def write(self, parameters: Mapping[str, float], record: dict) -> None:
         """Write the scene with these parameters, and a record."""
-        from jaxhb.design.robust import moved_ranges  # imports scipy
+        from jaxhb.design.tolerances import moved_ranges  # imports scipy
 
         arguments = self.arguments
         values = scene_values(self.train, dict(arguments.set) | dict(parameters))

@@ -30,7 +30,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.varying import varying
 
 if TYPE_CHECKING:
-    from jaxhb.design.evaluation import Reading, Task
+    from jaxhb.design.task import Reading, Task
 
 # Share of a limit by which it may be exceeded: penalties let through a tenth of that
 EXCESS = 0.01
@@ -123,7 +123,7 @@ class Excess:
 @dataclass(frozen=True)
 class Reader:
     """A train and the readings of it at any speed: the responses of a
-    :class:`~jaxhb.design.evaluation.Task`.
+    :class:`~jaxhb.design.task.Task`.
 
     harmonics, tolerance : accuracy of the solves, as of :func:`jaxhb.solve_speeds`
     """

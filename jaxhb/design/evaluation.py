@@ -15,15 +15,14 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, namespace
+from jaxhb._jax import Array
 from jaxhb._program import Program
-from jaxhb._shown import brief
 from jaxhb._threads import side_by_side
 from jaxhb.balance.derivative import all_finite, only_if
 from jaxhb.balance.plan import RESIDUAL, Goals, Plan, ProgramShape, Request
@@ -42,13 +41,13 @@ from jaxhb.design.between_speeds import Followed, culmination, speeds_of
 from jaxhb.design.quantities import (
     OF_DESIGN,
     QUANTITIES,
-    Criterion,
-    Parameter,
     Penalty,
     inertia_added,
     judged,
     label,
 )
+from jaxhb.design.task import Reading, ResponseReading, Task
+from jaxhb.design.tolerances import Box, Scatter
 from jaxhb.equations import fourier
 from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.results import answers
@@ -58,10 +57,6 @@ from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
-
-if TYPE_CHECKING:
-    from jaxhb.design.robust import Scatter
-    from jaxhb.design.tolerances import Box
 
 NEWTON_STEPS = 15  # of a lane at most
 NEGLIGIBLE = 1e-8
@@ -82,113 +77,14 @@ found soon have no motion of one cycle.
 # Lanes that one program computes side by side
 FEW_LANES = 16
 MANY_LANES = 64
-# |z| of a start on a bound: a thousandth of the range inside it, where the share still
-# has a slope
-FARTHEST = 6.9
 
 # Structure of the train and problem of a lane, and which of its leaves all lanes share
 Form: TypeAlias = tuple[jax.tree_util.PyTreeDef, tuple[bool, ...]]
 # A pullback from cotangents of results to those of arguments
 Pullback: TypeAlias = Callable[..., Any]
-# Quantity, element and order of a reading, and which variant of it is differentiated
-ResponseReading: TypeAlias = tuple[str, str | None, float | None, str]
 Tree = TypeVar("Tree")
 UNSOLVED: Any = None
 """Value of the fields of a Point that a solve fills in."""
-
-
-def scales(
-    parameters: Sequence[Parameter],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds ``(P,)`` of parameters, and the logarithm of their ratio, 0 on a linear
-    scale.
-    """
-    low, high = np.array(
-        [(parameter.low, parameter.high) for parameter in parameters]
-    ).T
-    log = np.array([parameter.scale == "log" for parameter in parameters])
-    return low, high, np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
-
-
-def named_at(parameters: Sequence[Parameter], shares: Array) -> dict[str, Any]:
-    """Parameters by name at ``shares`` ``(P,)`` of the way between their bounds, on
-    their scales; floats on the host.
-    """
-    xp = namespace(shares)
-    low, high, ratio = scales(parameters)
-    values = xp.where(
-        ratio > 0, low * xp.exp(shares * ratio), low + shares * (high - low)
-    )
-    return {
-        parameter.name: values[i] if xp is jnp else float(values[i])
-        for i, parameter in enumerate(parameters)
-    }
-
-
-def shares_of(train: DriveTrain, parameters: Sequence[Parameter]) -> np.ndarray:
-    """Shares ``(P,)`` of the way between their bounds at which a train has parameters,
-    as of :func:`named_at`.
-    """
-    low, high, ratio = scales(parameters)
-    values = np.array([float(train.value(parameter.name)) for parameter in parameters])
-    log = ratio > 0
-    logarithm = np.log(np.where(log, values, 1.0) / np.where(log, low, 1.0))
-    linear = (values - low) / (high - low)
-    return np.where(log, logarithm / np.where(log, ratio, 1.0), linear)
-
-
-@dataclass(frozen=True)
-class Task:
-    """The purpose of a tuning: tuples of Parameter, Objective, Penalty."""
-
-    parameters: tuple
-    objectives: tuple
-    penalties: tuple
-    smooth = True
-    step_tolerance = 0.0
-    """Newton step after which a lane is solved; 0 for the accuracy of derivatives."""
-
-    @property
-    def of_response(self) -> tuple[Criterion, ...]:
-        """The objectives, and the penalties that read a response: J of them."""
-        return self.objectives + tuple(
-            penalty for penalty in self.penalties if penalty.quantity not in OF_DESIGN
-        )
-
-    @property
-    def of_design(self) -> tuple[Penalty, ...]:
-        """The penalties that read the train alone."""
-        return tuple(
-            penalty for penalty in self.penalties if penalty.quantity in OF_DESIGN
-        )
-
-    @property
-    def response_readings(self) -> tuple[ResponseReading, ...]:
-        """Quantity, element and order of each reading of a response, and which variant
-        of it is differentiated.
-        """
-        variants = [
-            "close" if isinstance(criterion, Penalty) else "read"
-            for criterion in self.of_response
-        ]
-        variants = variants if self.smooth else ["sharp"] * len(variants)
-        return tuple(
-            (criterion.quantity, criterion.of, criterion.order, variant)
-            for criterion, variant in zip(self.of_response, variants, strict=True)
-        )
-
-    def named(self, z: Array) -> dict[str, Any]:
-        """Parameters by name, in their own units, from z ``(P,)``; floats on
-        the host.
-        """
-        return named_at(self.parameters, 1 / (1 + namespace(z).exp(-z)))
-
-    def unbounded(self, train: DriveTrain) -> np.ndarray:
-        """The z ``(P,)`` of a train, of values on a bound a little inside."""
-        shares = shares_of(train, self.parameters)
-        with np.errstate(divide="ignore"):
-            z = np.log(shares) - np.log1p(-shares)
-        return np.clip(z, -FARTHEST, FARTHEST)
 
 
 @dataclass(frozen=True)
@@ -258,30 +154,6 @@ def where(chosen: np.ndarray, here: Tree, there: Tree) -> Tree:
     return jax.tree.map(pick, here, there)
 
 
-@brief
-@dataclass(frozen=True)
-class Reading:
-    """The readings of a design: parameters by name, whether each speed is solved
-    ``(n,)``, readings by label.
-
-    A reading is an array ``(n,)`` in SI units, nan where the speed is not solved or a
-    rule has no limit, or a float for those of the train alone; its label is ``"tooth
-    force of crank gear|idler"``.
-    """
-
-    parameters: dict[str, float]
-    solved: np.ndarray
-    readings: dict[str, Any]
-
-    def of_first(self, count: int) -> Reading:
-        """Select the readings of the first speeds."""
-        readings = {
-            name: values[:count] if np.ndim(values) else values
-            for name, values in self.readings.items()
-        }
-        return dataclasses.replace(self, solved=self.solved[:count], readings=readings)
-
-
 class Evaluator:
     """Evaluates designs of one train on the host; it holds what stays the same all the
     way down.
@@ -299,7 +171,7 @@ class Evaluator:
     ):
         """Plan the speeds ``rpm`` ``(n,)``, to which ``peaks`` speeds are added for
         every objective that is a maximum, to follow its highest peaks; ``scatter`` is
-        None, or the :class:`~jaxhb.design.robust.Scatter` of the trains at these
+        None, or the :class:`~jaxhb.design.tolerances.Scatter` of the trains at these
         speeds; ``critical`` are the :class:`~jaxhb.design.between_speeds.Followed` at
         whose speed each design is looked at, too.
         """

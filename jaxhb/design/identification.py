@@ -22,9 +22,9 @@ from scipy.optimize import least_squares
 from jaxhb._jax import Array, refuse_tracers
 from jaxhb._program import Program
 from jaxhb._shown import brief
-from jaxhb.design.evaluation import named_at, scales, shares_of
 from jaxhb.design.measurements import Measured
 from jaxhb.design.quantities import Parameter, parameter_faults
+from jaxhb.design.task import named_at, scales, shares_of
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.tangent import linear_train

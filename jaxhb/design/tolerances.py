@@ -2,6 +2,7 @@
 the range that it spans.
 """
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,8 @@ import numpy as np
 from scipy.linalg import hadamard
 
 from jaxhb._jax import Array, Number, namespace
-from jaxhb.design.evaluation import Task
 from jaxhb.design.quantities import Objective, own_value
+from jaxhb.design.task import Task
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.elements.values import number_like
 from jaxhb.train.drivetrain import DriveTrain
@@ -317,3 +318,51 @@ def box_of(
         for tolerance in tolerances
     )
     return Box(tuple(tolerances), tuple(of), (), nominal)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Further lanes of an evaluation: the train within a
+    :class:`Box` at the shares ``(n, P)`` of each speed
+    ``(n,)``, in ratios to the values of a design.
+    """
+
+    box: Box
+    shares: np.ndarray
+
+
+def moved(
+    tolerances: Sequence[Tolerance], before: DriveTrain, after: DriveTrain
+) -> tuple[Tolerance, ...]:
+    """Move the ranges of tolerances in the ratio that the numbers of a design have to
+    those of the train before.
+    """
+    ratios = (
+        float(after.value(tolerance.name)) / float(before.value(tolerance.name))
+        for tolerance in tolerances
+    )
+    return tuple(
+        dataclasses.replace(
+            tolerance,
+            low=tolerance.low * ratio,
+            high=tolerance.high * ratio,
+            std=tolerance.std and tolerance.std * ratio,
+        )
+        for tolerance, ratio in zip(tolerances, ratios, strict=True)
+    )
+
+
+def moved_ranges(
+    train: DriveTrain, values: Mapping[str, float]
+) -> dict[str, dict[str, Any]]:
+    """Entries of ``[tolerance]`` with a range of numbers that a tuning gave other
+    ``values``, in their ratio.
+    """
+    ranges = {}
+    for name, entry in train.tolerance.items():
+        value = float(train.value(name)) if name in values else 0.0
+        if value and isinstance(entry, dict) and isinstance(entry.get("range"), list):
+            ranges[name] = entry | {
+                "range": [end * values[name] / value for end in entry["range"]]
+            }
+    return ranges

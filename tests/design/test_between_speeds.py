@@ -19,8 +19,9 @@ from jaxhb.design.between_speeds import (
     exceeded,
     speeds_of,
 )
-from jaxhb.design.evaluation import Aim, Evaluator, Task
+from jaxhb.design.evaluation import Aim, Evaluator
 from jaxhb.design.quantities import QUANTITIES
+from jaxhb.design.task import Task
 from jaxhb.report.text.tuned import tuned_parts, tuned_record
 
 TRAIN = jaxhb.load_scene(DATA / "scenes/propeller_shaft.toml")

@@ -26,7 +26,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:  # Commands do not wait for what a tuning needs.
     from jaxhb.design.descent import Step
-    from jaxhb.design.evaluation import Reading
+    from jaxhb.design.task import Reading
     from jaxhb.design.tuning import Tuning
 
 # Share by which a value between the speeds exceeds those at them before a sentence says
