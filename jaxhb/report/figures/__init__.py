@@ -1,3 +1,3 @@
-"""Answers as figures, readable without colour. Answers go in; figures come out as plain
-dictionaries, or drawn by matplotlib.
+"""Answers as figures, readable without colour. Answers go in; specifications come out,
+for plotly.js or drawn by matplotlib.
 """

@@ -210,12 +210,12 @@ def _in_readable_unit(
     of 12000 N m, and tiny ones in a smaller unit.
     """
     name, comma, unit = axis.title.rpartition(", ")
-    own = numbered("y", panel)
+    y_axis = numbered("y", panel)
     largest = max(
         (
             abs(y)
             for trace in traces
-            if trace["yaxis"] == own
+            if trace["yaxis"] == y_axis
             for y in trace["y"]
             if y is not None
         ),
@@ -228,7 +228,9 @@ def _in_readable_unit(
     if limits:
         limits = (factor * limits[0], factor * limits[1])
     scaled = [
-        trace | {"y": _scaled(trace["y"], factor)} if trace["yaxis"] == own else trace
+        trace | {"y": _scaled(trace["y"], factor)}
+        if trace["yaxis"] == y_axis
+        else trace
         for trace in traces
     ]
     return replace(axis, title=f"{name}, {readable}", limits=limits), scaled
@@ -367,19 +369,16 @@ def spread_bars(
     """Make bars with feet of ``width`` at values of irregular motions, to where those
     of other records as long may lie, in a list; none where no spread is known.
     """
-    spread = np.asarray(spread, float)
-    spreading = np.flatnonzero(spread > 0)
-    if not len(spreading):
+    rows = np.transpose([x, values, spread]).astype(float)
+    place, middle, half = rows[rows[:, 2] > 0].T
+    if not len(place):
         return []
-    x = np.asarray(x, float)[spreading]
-    values = np.asarray(values, float)[spreading]
-    spread = spread[spreading]
-    gap = np.full(len(x), np.nan)
-    left = x - width / 2
-    right = x + width / 2
-    high = values + spread
-    low = values - spread
-    across = np.stack([left, right, gap, x, x, gap, left, right, gap], axis=-1)
+    gap = np.full(len(place), np.nan)
+    left = place - width / 2
+    right = place + width / 2
+    high = middle + half
+    low = middle - half
+    across = np.stack([left, right, gap, place, place, gap, left, right, gap], axis=-1)
     up = np.stack([high, high, gap, high, low, gap, low, low, gap], axis=-1)
     return [
         line(

@@ -35,7 +35,7 @@ def layout_of(figure: Figure) -> dict[str, Any]:
     }
     if figure.legend == "right":
         legend["xanchor"] = "right"
-    x = _axis(figure.x) | {
+    x = {
         "title": {"text": figure.x.title},
         "zeroline": False,
         "anchor": numbered("y", len(figure.panels) - 1),
@@ -64,7 +64,7 @@ def layout_of(figure: Figure) -> dict[str, Any]:
         "separators": ".",  # no comma in 12000 rpm
         "showlegend": bool(figure.in_legend),
         "legend": legend,
-        "xaxis": x | _ticks(figure.x),
+        "xaxis": _axis(figure.x, x),
         "shapes": list(map(_shape, figure.bands)),
         "annotations": list(figure.notes),
     }
@@ -77,25 +77,22 @@ def layout_of(figure: Figure) -> dict[str, Any]:
             "domain": [max(0.0, (top - figure.height) / inside), top / inside],
             "zerolinecolor": ZERO,
         }
-        layout[numbered("yaxis", panel)] = _axis(axis) | y | _ticks(axis)
+        layout[numbered("yaxis", panel)] = _axis(axis, y)
     return layout
 
 
-def _axis(axis: Axis) -> dict[str, Any]:
-    """Draw an axis as a frame with a grid."""
-    return {
+def _axis(axis: Axis, more: dict[str, Any]) -> dict[str, Any]:
+    """Draw an axis as a frame with a grid, with ``more`` of its own, and with range,
+    scale and ticks as far as it has them.
+    """
+    settings = {
         "showline": True,
         "mirror": True,
         "linecolor": "black",
         "ticks": "outside",
         "gridcolor": axis.grid,
         "exponentformat": "none",
-    }
-
-
-def _ticks(axis: Axis) -> dict[str, Any]:
-    """Set range, scale and ticks of an axis, as far as it has them."""
-    settings: dict[str, Any] = {}
+    } | more
     if axis.limits:
         settings["range"] = [
             math.log10(limit) if axis.log else float(limit) for limit in axis.limits

@@ -409,8 +409,8 @@ def orders_figure(
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     for case, misfire in misfires.items():
-        swing = element.of(misfire).signal.half_peak_to_peak
-        values = np.where(misfire.converged, factor, np.nan) * swing
+        certain_misfire = np.where(misfire.converged, factor, np.nan)
+        values = certain_misfire * element.swing(misfire)
         traces.append(line(rpm, values, f"half peak-to-peak, {plain(case)}", 1))
     names = order_names(train_of(response))
     for number, k in enumerate(element.main()):

@@ -4,7 +4,6 @@ versions.
 
 import dataclasses
 import io
-import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -32,6 +31,19 @@ OWN = (
 )  # fields in which cylinders that are told together differ
 SPEEDS = 8  # speeds of a table, of more those that are spread evenly over them
 
+OF_GAS = (
+    "cylinder",
+    "rpm",
+    "factor",
+    "load",
+    "charge bar",
+    "largest pressure bar",
+    "deg after firing TDC",
+    "imep bar",
+    "mean torque N m",
+)
+"""Heads of the table of gas, of which a train without them has not all."""
+
 Value = TypeVar("Value")
 
 
@@ -45,17 +57,12 @@ def train_data(report: Report) -> list[Block]:
         # The page has a date of its own.
         plot_train(report.train).savefig(content, format="svg", metadata={"Date": None})
         # Inside HTML an SVG has no XML head.
-        sketch = Sketch(
-            re.sub(r"\A.*?(?=<svg)", "", content.getvalue(), flags=re.DOTALL)
-        )
+        _, svg, rest = content.getvalue().partition("<svg")
+        sketch = Sketch(svg + rest)
     except ValueError as error:
         sketch = f"No sketch: {error}"
-    tables = [
-        *referred_tables(report.train),
-        _meshes(report.train),
-        *excitation_tables(report),
-    ]
-    return [sketch, *filter(None, tables)]
+    tables = [*referred_tables(report.train), _meshes(report.train)]
+    return [sketch, *filter(None, tables), *excitation_tables(report)]
 
 
 def _meshes(train: DriveTrain) -> Table | None:
@@ -109,13 +116,12 @@ def excitation_tables(report: Report) -> list[Table]:
     for name, files in zip(
         names, report.files.get("cylinder") or [{}] * len(names), strict=True
     ):
-        facts = {
-            key: value
+        facts = [
+            (key, value)
             for key, (value, _) in facts_of(report.elements[name]).items()
             if key not in OWN
-        }
-        alike_in = (*facts.items(), *files.items())
-        first[name] = first_of_facts.setdefault(alike_in, name)
+        ]
+        first[name] = first_of_facts.setdefault((*facts, *files.items()), name)
     tables = [
         *_cylinders(report, first),
         _rows_of(
@@ -192,18 +198,21 @@ def _cylinders(
     disks = columns.pop("disk", {})
     angles = columns.pop("firing angle deg", {})
     rows = [(name, disks[name], angles.get(name, "0"), first[name]) for name in first]
-    title = (
-        "Numbers of the cylinders; combustion counts from firing top dead centre, rows"
-        " are in SI units and deg"
-    )
     numbers = [
         (head, *(cells.get(name, NONE) for name in different))
         for head, cells in columns.items()
     ]
-    placed = table(
-        "Cylinders", rows, ["cylinder", "disk", "firing angle deg", "numbers as of"]
+    return (
+        table(
+            "Cylinders", rows, ["cylinder", "disk", "firing angle deg", "numbers as of"]
+        ),
+        table(
+            "Numbers of the cylinders; combustion counts from firing top dead centre,"
+            " rows are in SI units and deg",
+            numbers,
+            ["", *different],
+        ),
     )
-    return placed, table(title, numbers, ["", *different])
 
 
 def _some(values: Sequence[Value]) -> list[Value]:
@@ -229,18 +238,23 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
     pressures = gas_factor[:, None] * gas_pressures(
         cylinders, topology.cylinders, speeds
     )
-    rows = []
+    rows: list[dict[str, Any]] = []
     charges = charges_of(report.train, rpm)
     means = mean_gas_torques(cylinders, topology.cylinders, speeds)
     for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
+        name = topology.cylinder_names[i]
         turns = topology.cylinders.revolutions[i]
+        period = 360.0 * turns
         swept = np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
-            pressure_cells = [NONE, NONE, NONE]
+            row = {"cylinder": name, "rpm": f"{speed:g}", "factor": factors[k, i]}
+            if name in charges:
+                load, charge = charges[name]
+                row |= {"load": load[k], "charge bar": charge[k]}
             if topology.cylinders.computed[i]:
                 place = int(np.argmax(pressures[k, i]))
-                period = 360.0 * turns
                 angle = place * period / GAS_SAMPLES
+                angle -= period * (angle > period / 2)
                 # Work of a gas cycle over the swept volume.
                 imep = (
                     1e-5
@@ -251,53 +265,19 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
                     * means[k, i]
                     / swept
                 )
-                pressure_cells = [
-                    1e-5 * pressures[k, i, place],
-                    f"{angle - period * (angle > period / 2):.1f}",
-                    imep,
-                ]
-            name = topology.cylinder_names[i]
-            load, charge = (
-                (column[k] for column in charges[name])
-                if name in charges
-                else (NONE, NONE)
-            )
-            rows.append(
-                [
-                    name,
-                    f"{speed:g}",
-                    factors[k, i],
-                    load,
-                    charge,
-                    *pressure_cells,
-                    means[k, i],
-                ]
-            )
-    heads = [
-        "cylinder",
-        "rpm",
-        "factor",
-        "load",
-        "charge bar",
-        "largest pressure bar",
-        "deg after firing TDC",
-        "imep bar",
-        "mean torque N m",
-    ]
-    optional = range(3, 8)
-    columns = [
-        place
-        for place in range(len(heads))
-        if place not in optional or not all(row[place] == NONE for row in rows)
-    ]
-    heads = [heads[place] for place in columns]
-    rows = [[row[place] for place in columns] for row in rows]
+                row |= {
+                    "largest pressure bar": 1e-5 * pressures[k, i, place],
+                    "deg after firing TDC": f"{angle:.1f}",
+                    "imep bar": imep,
+                }
+            rows.append(row | {"mean torque N m": means[k, i]})
+    heads = [head for head in OF_GAS if any(head in row for row in rows)]
     remark = "; load: share of the mean effective pressure at full load" * (
         "load" in heads
     )
     return table(
         f"Gas over the speed, of cylinders with the same numbers the first{remark}",
-        rows,
+        [[row.get(head, NONE) for head in heads] for row in rows],
         heads,
         digits=4,
     )

@@ -128,6 +128,10 @@ class Reading:
         """The same element of another response."""
         return Reading(response, self.name, self.kind)
 
+    def swing(self, response: Response) -> Array:
+        """Half peak-to-peak ``(n,)`` of the same element in another response."""
+        return self.of(response).signal.half_peak_to_peak
+
     def at(self, speeds: Array) -> Reading:
         """The same at some of the speeds, a mask ``(n,)``."""
         return self.of(self.response[np.flatnonzero(speeds)])
@@ -190,11 +194,12 @@ def forced_text(
     misfires.
     """
     response = cases[""]
-    name = train_name(response.topology)
-    rpm = response.rpm
     converged = np.asarray(response.converged)
-    parts = [f"{name}: linear forced response, teeth in contact, {SPEED.span(rpm)}"]
-    parts += firing_lines(*(train_of(case) for case in cases.values()))
+    parts = [
+        f"{train_name(response.topology)}: linear forced response, teeth in contact,"
+        f" {SPEED.span(response.rpm)}",
+        *firing_lines(*(train_of(case) for case in cases.values())),
+    ]
     if worst:
         return "\n\n".join([*parts, *_misfire_parts(cases, chosen, worst, each)])
     if each:
@@ -487,39 +492,20 @@ def worst_of(
         ]
         if limited:
             key, share = limited[0]
-            worst[reading.name] = _by_share(reading, cases, key, share, strengths)
+            value, firing = (
+                float(reading.swing(with_gaps(case))[share.place])
+                for case in (cases[share.case], cases[""])
+            )
+            _, firing_share = at_same_speed(share, key, strengths[""])
+            worst[reading.name] = WorstMisfire(
+                share.case, share.rpm, value, firing, share, firing_share
+            )
         else:
-            worst[reading.name] = _by_swing(reading, misfires)
+            most = misfires.worst(reading.swing)
+            worst[reading.name] = WorstMisfire(
+                most.cylinder, most.rpm, most.value, most.firing
+            )
     return worst
-
-
-def _by_swing(reading: Reading, misfires: Misfires) -> WorstMisfire:
-    """The misfire with which an element swings most."""
-    worst = misfires.worst(
-        lambda response: reading.of(response).signal.half_peak_to_peak
-    )
-    return WorstMisfire(worst.cylinder, worst.rpm, worst.value, worst.firing)
-
-
-def _by_share(
-    reading: Reading,
-    cases: Mapping[str, ForcedResponse],
-    key: str,
-    share: Share,
-    strengths: Mapping[str, Strength],
-) -> WorstMisfire:
-    """The misfire that governs an element by the ``share`` of its limit, of a field
-    ``key`` of its strength.
-    """
-
-    def swing(case: str) -> float:
-        gapped = reading.of(with_gaps(cases[case]))
-        return float(gapped.signal.half_peak_to_peak[share.place])
-
-    _, firing_share = at_same_speed(share, key, strengths[""])
-    return WorstMisfire(
-        share.case, share.rpm, swing(share.case), swing(""), share, firing_share
-    )
 
 
 def hardest_of(

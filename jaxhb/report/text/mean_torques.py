@@ -64,22 +64,15 @@ def balance_line(response: Response) -> str:
     )
 
     def torques_text(torques: Mapping[str, float], sign: int) -> str:
-        numbers = {
-            name: plain_number(sign * torque) if abs(torque) > least else 0
-            for name, torque in torques.items()
-        }
         return ", ".join(
-            f"{name} takes {number} N m" for name, number in numbers.items()
+            f"{name} takes"
+            f" {plain_number(sign * torque) if abs(torque) > least else 0} N m"
+            for name, torque in torques.items()
         )
 
-    parts = []
-    if loads:
-        parts.append(
-            f"load: {torques_text(loads, -1)},"
-            f" {plain_number(float(response.load_kW) + 0.0)} kW in all"
-        )
-    if grounds:
-        parts.append(f"ground: {torques_text(grounds, 1)}")
+    power = plain_number(float(response.load_kW) + 0.0)
+    parts = [f"load: {torques_text(loads, -1)}, {power} kW in all"] * bool(loads)
+    parts += [f"ground: {torques_text(grounds, 1)}"] * bool(grounds)
     return "; ".join(parts)
 
 

@@ -368,8 +368,8 @@ def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> lis
         pattern = _VALUE.sub(lambda value: value["name"] or "#", note)
         alike.setdefault(pattern, []).append((place, note))
     sentences = []
-    for (place, note), *others in alike.values():
-        elsewhere = {other for other, _ in others} - {place}
+    for (place, note), *later in alike.values():
+        elsewhere = {other for other, _ in later} - {place}
         also = f" (alike at {_places(elsewhere, axis)})" if elsewhere else ""
         sentences.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
     return sentences

@@ -230,11 +230,11 @@ def _table(strength: Strength, kind: str) -> Table:
 
     for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
-        first, *others = (number(getattr(row, field), place) for field in limited.heads)
+        first, *limits = (number(getattr(row, field), place) for field in limited.heads)
         if place is not None and strength.unconfirmed is not None:
             first = Doubtful(first) if strength.unconfirmed[place] else first
         at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
-        cells = [name, first, *at_rpm, *others, (first, others[0])]
+        cells = [name, first, *at_rpm, *limits, (first, limits[0])]
         if kind == "tooth_torques":
             cells.append(_where(np.asarray(rpm), row.reverses))
         rows.append(cells)
