@@ -200,6 +200,20 @@ def test_links_and_pictures_lead_to_files(name):
     assert [link for link, file in files.items() if not file.is_file()] == []
 
 
+def test_names_of_code_in_the_guide_for_contributors_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    prose = re.sub(r"```.*?```", "", text, flags=re.S)
+    names = set(re.findall(r"`(?:\w+\.)*(\w*[a-z]\w*)(?:\(.*?\))?`", prose))
+    folders = ("jaxhb", "tests", "benchmarks", "docs", "notebooks")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    words = set(re.findall(r"\w+", "\n".join(map(Path.read_text, files))))
+    words |= {
+        path.stem for folder in folders for path in (ROOT / folder).rglob("*")
+    } | {"_hz", "_deg", "_rpm"}
+    assert len(names) > 60
+    assert names - words == set()
+
+
 def test_pictures_are_small():
     shown = {
         path: re.findall(r"!\[[^]]*\]\(([^)]+)\)", text) for path, text in PAGES.items()

@@ -150,7 +150,7 @@ def _marched(train: DriveTrain, rpm: float, request: Request) -> list[SolvedMoti
     side.
     """
     neighbour_rpm = rpm * np.array(NEIGHBOURS)
-    states = Classifier(train, neighbour_rpm, request, True, Cycles()).march_to_the_end(
+    states = Classifier(train, neighbour_rpm, request, True, Cycles()).states_from(
         list(range(len(neighbour_rpm))), {}
     )
     start_motions = _starts(train, rpm) + [
@@ -160,7 +160,7 @@ def _marched(train: DriveTrain, rpm: float, request: Request) -> list[SolvedMoti
         train, np.full(len(start_motions) + 1, rpm), request, True, Cycles()
     )
     # The first begins on the drive sides.
-    states = classifier.march_to_the_end(
+    states = classifier.states_from(
         list(range(len(start_motions) + 1)), dict(enumerate(start_motions, 1))
     )
     return [

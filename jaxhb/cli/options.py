@@ -400,9 +400,12 @@ def files(picture: str, *, spectra: bool = True) -> Callable:
     """Files of numbers, where ``spectra`` are among them with an option of their own,
     and a picture.
     """
-    record, *tables = (
-        file(name) for name, form in FORMATS.items() if form.content in OF_NUMBERS
-    )
+    records = [file(name) for name, form in FORMATS.items() if form.content == "record"]
+    tables = [
+        file(name)
+        for name, form in FORMATS.items()
+        if form.content in OF_NUMBERS and form.content != "record"
+    ]
     if spectra:
-        return together(record, ORDERS, plot(picture), *tables)
-    return together(record, plot(picture), *tables)
+        return together(*records, ORDERS, plot(picture), *tables)
+    return together(*records, plot(picture), *tables)

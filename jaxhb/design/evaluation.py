@@ -193,11 +193,13 @@ class Evaluator:
         )
         inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
         self.heavy = tuple((inertia > 0).tolist())
-        self.box = scatter.box if scatter else None
+        self.scatter_box = scatter.box if scatter else None
         self.shares = scatter.shares if scatter else np.zeros((len(rpm), 0))
         # Within a box all its numbers differ from the train's own.
         elsewhere = np.full(self.shares.shape[1], 0.3)
-        moved = train_of_lane(train, task, self.box, task.unbounded(train), elsewhere)
+        moved = train_of_lane(
+            train, task, self.scatter_box, task.unbounded(train), elsewhere
+        )
         leaves, structure = jax.tree.flatten(
             (train, problem_at(train, float(rpm[0]), self.excited))
         )
@@ -477,7 +479,7 @@ class Evaluator:
             shares,
             z,
             task=self.task,
-            box=self.box,
+            box=self.scatter_box,
             excited=self.excited,
             held=self.form[1],
         )
@@ -669,9 +671,9 @@ class Lanes:
                 train_of_lane(
                     evaluator.train,
                     evaluator.task,
-                    evaluator.box,
+                    evaluator.scatter_box,
                     point.z[design],
-                    evaluator.shares[speed] if evaluator.box else np.zeros(0),
+                    evaluator.shares[speed] if evaluator.scatter_box else np.zeros(0),
                 ),
                 rpm=float(point.speeds[design, speed]),
                 harmonics=plan.harmonics,

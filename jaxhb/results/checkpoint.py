@@ -158,24 +158,26 @@ class Checkpoint:
                         f"{place} holds a sweep with other {kind}: {change}. {remedy}"
                     )
 
-    def keep_or_march(
+    def keep_states(
         self,
-        classifier: Any,
+        speeds: np.ndarray,
+        states_from: Callable[..., dict[int, SteadyState]],
         indices: Sequence[int],
         motions: Mapping[int, np.ndarray],
         progress: Callable[[int], object],
     ) -> dict[int, SteadyState]:
-        """Steady states of the speeds of a chunk by index: read from the folder where
-        they are there, else made by ``classifier.march_to_the_end``.
+        """Steady states of the speeds of a chunk by index of ``speeds`` ``(n,)``: read
+        from the folder where they are there, else made by ``states_from(indices,
+        motions, progress)``.
         """
         started = [index in motions for index in indices]
 
         def compute() -> list:
-            states_by_index = classifier.march_to_the_end(indices, motions, progress)
+            states_by_index = states_from(indices, motions, progress)
             return [states_by_index[index] for index in indices]
 
         states = self.keep(
-            (classifier.speeds[indices], started, *motions.values()), compute, progress
+            (speeds[indices], started, *motions.values()), compute, progress
         )
         return dict(zip(indices, states, strict=True))
 

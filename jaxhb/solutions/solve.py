@@ -387,7 +387,9 @@ def solve_again(
     whether it was a solve by sweeps.
     """
     failed = starts.SWEEPS if plan.marches and marched else starts.CONTACT
-    strategies = (starts.SHOOTING,) if swept else starts.costlier_than(failed)
+    if swept:
+        failed = starts.SWEPT_MOTION
+    strategies = starts.costlier_than(failed)
     if start is not None:
         strategies = (starts.motion_at_hand(start), *strategies)
     attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan))
@@ -424,7 +426,7 @@ def _decide(
     if by_sweeps and start is None:
         attempts.sweep()
         if attempts.reached.response is not None:
-            strategies = (starts.SHOOTING,)
+            strategies = starts.costlier_than(starts.SWEPT_MOTION)
     if not attempts.reached.solved:
         attempts.make(strategies)
     return attempts

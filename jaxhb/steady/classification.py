@@ -108,7 +108,7 @@ class Classifier:
         """Cycles of a record whose extremes vary."""
         return LONGER if self.cycles.recorded is None else self.cycles.recorded
 
-    def march_to_the_end(
+    def states_from(
         self,
         indices: Sequence[int],
         motions: Mapping[int, np.ndarray],

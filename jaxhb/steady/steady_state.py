@@ -198,7 +198,7 @@ def steady_state(
     classifier = Classifier(
         train, speeds, request, exact, cycles, tuple(devices), apart=apart
     )
-    march = classifier.march_to_the_end
+    march = classifier.states_from
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
         settings = {
@@ -208,7 +208,9 @@ def steady_state(
             **vars(cycles),
         }
         checkpoint = Checkpoint(out, train, settings, chunk)
-        march = partial(checkpoint.keep_or_march, classifier)
+        march = partial(
+            checkpoint.keep_states, classifier.speeds, classifier.states_from
+        )
     search = _SpeedSweep(classifier, plans, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.single(0)
@@ -234,7 +236,7 @@ class SpeedStart:
 
 class _SpeedSweep:
     """One call of :func:`steady_state`: a train, its speeds, and the states at hand;
-    ``march`` finds the rest (:meth:`Classifier.march_to_the_end`).
+    ``march`` finds the rest (:meth:`Classifier.states_from`).
     """
 
     def __init__(

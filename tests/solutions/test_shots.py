@@ -131,7 +131,9 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     @jax.jit
     def left_over(problem, active_meshes, coefficients):
         reduced, _ = reduced_equation(problem, plan.harmonics, active_meshes)
-        return relative_residual(reduced, reduced.residual(coefficients, plan.samples))
+        return relative_residual(
+            reduced, reduced.residual(coefficients, plan.shape.samples)
+        )
 
     problem = problem_at(train, rpm, plan.excited)
     residuals = []

@@ -569,14 +569,11 @@ def _links(train: DriveTrain) -> Iterator[Note]:
                 yield from _unusual(table, name, "power_limit", value)
     throws = set(topology.cylinders.disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
-        if (
-            strengths[i]
-            and throws.issuperset(ends)
-            and not RULES[topology.shaft_rules[i]].crankshafts
-        ):
+        rule = RULES[topology.shaft_rules[i]]
+        if strengths[i] and throws.issuperset(ends) and not rule.crankshafts:
             text = (
-                "tensile_strength sets the limits of IACS UR M68, which do not hold for"
-                " crankshafts: UR M53 does,"
+                f"tensile_strength sets the limits of {rule.title or rule.name}, which"
+                " do not hold for crankshafts: UR M53 does,"
             )
             yield (
                 "shaft",
