@@ -92,14 +92,14 @@ class Program:
         update_wrapper(self, function)
         _programs.add(self)
 
-    def __call__(self, *args, **kwargs):
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
         _jax.check_settings()
         if _jax.debugging():
             with _jax.not_debugging():
                 return self._run(args, kwargs)
         return self._run(args, kwargs)
 
-    def _run(self, args: tuple, kwargs: dict):
+    def _run(self, args: tuple, kwargs: dict[str, Any]) -> Any:
         call = self._call(args, kwargs)
         if call is None:
             return self.nested(*args, **kwargs)
@@ -110,7 +110,7 @@ class Program:
             executable = self._executable(call)
         return executable(call.arrays)
 
-    def compile_ahead(self, *args, **kwargs) -> Future | None:
+    def compile_ahead(self, *args: Any, **kwargs: Any) -> Future | None:
         """Begin to make what a call with such arguments will run, in a thread of its
         own; the call waits for it.
 
@@ -126,7 +126,7 @@ class Program:
             _compiled[call.key] = future
         return future
 
-    def at_hand(self, *args, **kwargs) -> bool:
+    def at_hand(self, *args: Any, **kwargs: Any) -> bool:
         """Whether a call with such arguments compiles nothing, as far as can be told
         without it.
         """
@@ -135,7 +135,7 @@ class Program:
             call is None or call.key in _compiled or _store.holds(self._name(call.key))
         )
 
-    def shapes(self, *args, **kwargs):
+    def shapes(self, *args: Any, **kwargs: Any) -> Any:
         """Shapes and types of what a call with such arguments gives; what is traced for
         them, the call compiles.
         """
@@ -214,8 +214,8 @@ class Program:
             )
         )
 
-    def _trace(self, call: Call):
-        def function(arrays):
+    def _trace(self, call: Call) -> Any:
+        def function(arrays: Mapping[str, Any]) -> Any:
             return self.function(**arrays, **call.static)
 
         function.__name__ = self.__name__
@@ -242,7 +242,13 @@ def along(axis: int) -> PartitionSpec:
 
 
 @cache
-def across(program: Program, devices: tuple, in_specs, out_specs, **static):
+def across(
+    program: Program,
+    devices: tuple[jax.Device, ...],
+    in_specs: Any,
+    out_specs: Any,
+    **static: Hashable,
+) -> Callable:
     """A Program with its static arguments, its lanes cut into equal parts, one for each
     of the ``devices``.
 
@@ -270,7 +276,7 @@ _making = Lock()
 """Held by a thread that looks whether an executable is there or being made."""
 
 
-def _settings_of_threads():
+def _settings_of_threads() -> Any:
     """The settings of jax in a thread that has set none itself."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(trace_context).result()
@@ -361,7 +367,7 @@ def _plain(leaves: Sequence) -> bool:
     return all(array.sharding == here for array in arrays)
 
 
-def _kind(leaf) -> tuple:
+def _kind(leaf: Any) -> tuple[Hashable, ...]:
     """Shape and type of an argument, and whether its type gives way to others."""
     if type(leaf) is np.ndarray:
         return leaf.shape, leaf.dtype, False
@@ -408,20 +414,22 @@ class Held:
     again what is called again.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.programs = 0
         self.counted = 0
         self.retrieved = 0
         jax.monitoring.register_event_duration_secs_listener(self.listen)
 
-    def listen(self, event: str, _, **__):
+    def listen(self, event: str, duration_secs: float, **kwargs: str | int) -> None:
         """Count the programs that are compiled, by whatever package, and those that
         jax's cache had.
         """
         self.programs += event == "/jax/core/compile/backend_compile_duration"
         self.retrieved += event == "/jax/compilation_cache/cache_retrieval_time_sec"
 
-    def limit(self, most: int | None = None, between: int = COMPILED_BETWEEN_COUNTS):
+    def limit(
+        self, most: int | None = None, between: int = COMPILED_BETWEEN_COUNTS
+    ) -> None:
         """Drop programs if the process has too many memory maps."""
         if self.programs - self.counted < between:
             return

@@ -11,10 +11,10 @@ from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.backlash import Law, MeshParameters
 from jaxhb.equations.block_sweep import slots
 from jaxhb.equations.state_space import loss_damping, partition, state_space
+from jaxhb.equations.system import System, Tree
 from jaxhb.floquet.variational import monodromy
 from jaxhb.train import chain
 from jaxhb.train.assembly import build
-from jaxhb.train.chain import System, Tree
 from jaxhb.train.excitation import excitation, highest_harmonic
 from jaxhb.train.mesh_parameters import law_meshes
 

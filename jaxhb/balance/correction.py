@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -139,11 +140,12 @@ class LinearMarch:
         meshes = modes.forcing.shape[1]
         observed = modes.observed
 
-        def step(state, step_inputs):
+        def step(state: Array, step_inputs: tuple[Array, Array]) -> tuple[Array, Array]:
             gain, row = step_inputs
             free = row + observed @ state
             # Written-out sums of columns are faster than products inside a scan.
-            force = sum(gain[:, j] * free[j] for j in range(2 * meshes))
+            columns = (gain[:, j] * free[j] for j in range(2 * meshes))
+            force = cast(Array, sum(columns))
             deflection = free[:meshes] + sum(
                 weights.at_once[:meshes, g] * force[g] for g in range(meshes)
             )
@@ -270,7 +272,7 @@ def invert(
     shape = value.shape
     mapped = _Mapped(march, frozen_product, shape)
 
-    def if_solved(solved):
+    def if_solved(solved: tuple[Array, Number, Number]) -> Array:
         change, left, _ = solved
         return jnp.where(left <= NO_DERIVATIVE, change, jnp.nan)
 
@@ -302,21 +304,21 @@ def correct_bordered(
     mapped = _Mapped(march, tangent(reduced, force_change(reduced, slopes)), shape)
     count = len(column)
 
-    def bordered(z):
+    def bordered(z: Array) -> Array:
         left, deflection = mapped.apply(z[:-1])
-        left = left.at[:count].add(column * z[-1])
+        left = cast(jax.Array, left).at[:count].add(column * z[-1])
         return jnp.append(left, row[:-1] @ deflection + row[-1] * z[-1])
 
     pivot = row[:-1] @ column - row[-1]
 
-    def unbordered(v):
+    def unbordered(v: Array) -> Array:
         """The solution where J is 1. Without it a right side with nothing but g leads
         nowhere, as its image has no g.
         """
         p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(pivot == 0, 1.0, pivot)
-        return jnp.append(v[:-1].at[:count].add(-column * p), p)
+        return jnp.append(cast(jax.Array, v[:-1]).at[:count].add(-column * p), p)
 
-    def solve(b):
+    def solve(b: Array) -> Array:
         begin = jnp.concatenate([b[:-1], jnp.zeros(mapped.states), b[-1:]])
         z, *_ = gcr(bordered, unbordered, begin, tolerance=BORDERED, steps=steps)
         return jnp.append(mapped.apply(z[:-1])[1], z[-1])

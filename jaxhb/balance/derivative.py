@@ -32,6 +32,7 @@ from jaxhb._jax import Array
 from jaxhb.balance import correction
 from jaxhb.balance.outcome import Solution
 from jaxhb.balance.problem import ActiveMeshes, Problem, fields, reduced_equation
+from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
 from jaxhb.results.response import Fields
 
 if TYPE_CHECKING:
@@ -112,7 +113,11 @@ def attach(
 
 
 @attach.defjvp
-def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
+def _attach_jvp(
+    shape: ProgramShape,
+    primals: tuple[Problem, ActiveMeshes, Solution],
+    tangents: tuple[Problem, ActiveMeshes, Solution],
+) -> tuple[tuple[Fields, Array], tuple[Fields, Array]]:
     problem, active_meshes, solution = primals
     solved = solution.solved
     active_crossings, all_crossings = lax.stop_gradient(
@@ -123,7 +128,7 @@ def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
     change = _masked(shape.failed_gradient, solved, tangents[0])
     problem = only_if(solved, problem, shape.failed_gradient)
 
-    def equation(problem):
+    def equation(problem: Problem) -> tuple[CondensedEquation, CondensedTrain]:
         reduced, condensed = reduced_equation(problem, shape.harmonics, active_meshes)
         return (
             dataclasses.replace(
@@ -136,7 +141,9 @@ def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
         equation, (problem,), (change,)
     )
 
-    def forces_at(reduced, deflection):
+    def forces_at(
+        reduced: CondensedEquation, deflection: Array
+    ) -> Callable[[Array], Array]:
         """The product ``delta -> change of phi``, coefficients ``(G, N+1)``, of the
         forces of the equations themselves.
         """
@@ -153,7 +160,7 @@ def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
 
     # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
     # phi comes along.
-    def residual(reduced):
+    def residual(reduced: CondensedEquation) -> tuple[Array, Array]:
         force = reduced.nonlinear_force_coefficients(deflection, shape.samples)
         return reduced.left(deflection, force), force
 
@@ -162,6 +169,7 @@ def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
     )
     deflection_dot = -residual_dot
     if len(active_meshes.mask):
+        assert solution.train is not None  # there are active meshes
         frozen, frozen_deflection = lax.stop_gradient((reduced, deflection))
         slopes = correction.slopes_at(frozen, frozen_deflection, shape.samples)
         march = lax.stop_gradient(correction.march_at(solution.train, slopes))
@@ -175,7 +183,7 @@ def _attach_jvp(shape: ProgramShape, primals: tuple, tangents: tuple):
         )
         force_dot = force_dot + forces(deflection_dot)
 
-    def motion(problem, condensed, force):
+    def motion(problem: Problem, condensed: CondensedTrain, force: Array) -> Fields:
         # Tooth forces over the cycle are values of the law, no integrals of its slope:
         # the samples of the solve are enough.
         displacement, link_force = condensed.combine(force)
@@ -223,7 +231,11 @@ def _gated(failed_gradient: str, is_good: Array, value: Array) -> Array:
 
 
 @_gated.defjvp
-def _gated_jvp(failed_gradient: str, primals: tuple, tangents: tuple):
+def _gated_jvp(
+    failed_gradient: str,
+    primals: tuple[Array, Array],
+    tangents: tuple[Array, Array],
+) -> tuple[Array, Array]:
     is_good, value = primals
     return value, _masked(failed_gradient, is_good, tangents[1])
 
@@ -249,7 +261,7 @@ def only_known(solved: Array, tree: Any) -> Any:
     return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
 
 
-def _is_number(value: Any):
+def _is_number(value: Any) -> bool:
     """Whether a value has derivatives: no integer and no truth value."""
     return jnp.issubdtype(jnp.result_type(value), jnp.inexact)
 
@@ -259,7 +271,7 @@ def _where(solved: Array, values: Any, replacements: Any) -> Any:
     their tangents unchanged.
     """
 
-    def choose(value, replacement):
+    def choose(value: Any, replacement: Any) -> Any:
         return jnp.where(solved, value, replacement) if _is_number(value) else value
 
     if replacements is None:

@@ -362,14 +362,14 @@ def _check_sizes(train: DriveTrain, harmonics: int, samples: int | None) -> None
 
 
 @Program
-def _residual(balance: ForceBalance, x: Array):
+def _residual(balance: ForceBalance, x: Array) -> Array:
     return balance.residual(
         jnp.asarray(x, float).reshape(len(balance.system.mass), -1)
     ).reshape(-1)
 
 
 @Program
-def _jacobian(balance: ForceBalance, x: Array):
+def _jacobian(balance: ForceBalance, x: Array) -> Array:
     x = jnp.asarray(x, float)
     return balance.jacobian(x.reshape(len(balance.system.mass), -1)).reshape(
         len(x), len(x)
@@ -377,7 +377,7 @@ def _jacobian(balance: ForceBalance, x: Array):
 
 
 @Program
-def _swept(balance: ForceBalance, x: Array, right_side: Array):
+def _swept(balance: ForceBalance, x: Array, right_side: Array) -> Array:
     disks = len(balance.system.mass)
     x = jnp.asarray(x, float).reshape(disks, -1)
     right_side = jnp.asarray(right_side, float).reshape(disks, -1)

@@ -171,12 +171,15 @@ def close_cycle(
     packed = packing.pack(point)[-states - len(packing.flexibility) :]
     miss = miss_of(packed)
     for _ in range(most):
-        size = np.linalg.norm(packed)
+        size = float(np.linalg.norm(packed))
         if not np.linalg.norm(miss) > tolerance * size:
             break
 
         def apply(
-            direction: np.ndarray, packed=packed, miss=miss, size=size
+            direction: np.ndarray,
+            packed: np.ndarray = packed,
+            miss: np.ndarray = miss,
+            size: float = size,
         ) -> np.ndarray:
             step = DIFFERENCE * size / np.linalg.norm(direction)
             return (miss_of(packed + step * direction) - miss) / step

@@ -36,6 +36,7 @@ from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.projected_modes import projected_modes
 from jaxhb.equations.reduced_model import ReducedOrderModel
 from jaxhb.equations.state_space import LIGHT, Modes, march_modes, paired, partition
+from jaxhb.equations.system import System
 
 # Number of disks up to which all modes are computed; those of a projection for larger
 # trains
@@ -119,7 +120,7 @@ def modes_for_march(problem: Problem, active_meshes: ActiveMeshes) -> MarchModes
     )
 
 
-def _dense_modes(system, meshes: MeshParameters, frequency: float) -> Modes:
+def _dense_modes(system: System, meshes: MeshParameters, frequency: float) -> Modes:
     """All modes of a train."""
     ends = np.concatenate(
         [system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]]
@@ -353,7 +354,9 @@ def march_cycle(
             return force + jnp.linalg.solve(jnp.eye(meshes) - coupling, mismatch)
         return force + mismatch / (1 - diagonal_l * slope - diagonal_rate * rate_slope)
 
-    def step(carry, row):
+    def step(
+        carry: tuple[Array, Array], row: tuple[Array, Array | None]
+    ) -> tuple[tuple[Array, Array], Array]:
         state, force = carry
         motion_row, variation_row = row
         free = motion_row + observed @ state

@@ -13,12 +13,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from jaxhb._jax import Array, Number
 from jaxhb.balance import correction
-from jaxhb.balance.correction import LinearTrain
+from jaxhb.balance.correction import LinearMarch, LinearTrain
 from jaxhb.balance.sizes import LIGHT, relative_residual
 from jaxhb.equations import backlash, fourier, iterations
 from jaxhb.equations.condensation import CondensedEquation
@@ -159,19 +160,19 @@ def newton(
     known.
     """
 
-    def unsolved(iterate):
+    def unsolved(iterate: Iterate) -> Array:
         unknown = (iterate.error > tolerance) & ~(iterate.step < step_tolerance)
         return unknown & (iterate.steps < max_steps) & ~iterate.stalled
 
-    def try_lengths(state):
+    def try_lengths(state: _State) -> _State:
         """Make all trials at one iterate, with the linear system prepared there."""
         direction_here = partial(direction, prepare(state.iterate.x))
 
-        def on_trial(carry):
+        def on_trial(carry: tuple[jax.Array, _State]) -> Array:
             fresh, state = carry
             return (fresh | state.trying) & unsolved(state.iterate)
 
-        def solve_once(carry):
+        def solve_once(carry: tuple[jax.Array, _State]) -> tuple[jax.Array, _State]:
             return jnp.array(False), _solve(evaluate, direction_here, norm, carry[1])
 
         return lax.while_loop(on_trial, solve_once, (jnp.array(True), state))[1]
@@ -213,11 +214,13 @@ def solve_reduced(
     train : the LinearTrain of the equation; samples : of the law, a multiple of 2 N.
     """
 
-    def prepare(deflection):
+    def prepare(deflection: Array) -> tuple[Array, LinearMarch]:
         slopes = correction.slopes_at(reduced, deflection, samples)
         return slopes, correction.march_at(train, slopes)
 
-    def direction(prepared, value, error, forcing):
+    def direction(
+        prepared: tuple[Array, LinearMarch], value: Array, error: Array, forcing: Array
+    ) -> Array:
         slopes, march = prepared
         aimed = jnp.clip(BELOW * tolerance / error, 1e-10, forcing)
         forcing = jnp.where((error < NEAR) & (step_tolerance == 0), aimed, forcing)
@@ -226,7 +229,7 @@ def solve_reduced(
         )
         return change
 
-    def evaluate(deflection):
+    def evaluate(deflection: Array) -> Array:
         return reduced.residual(deflection, samples)
 
     return newton(
@@ -263,13 +266,13 @@ def solve_chain(
     first_unknowns = jnp.concatenate([start, balance.deflections(start)])
     disks = len(start)
 
-    def evaluate(packed):
+    def evaluate(packed: Array) -> Array:
         return balance.residual_at(packed[:disks], packed[disks:])
 
-    def direction(packed, value, error, forcing):
+    def direction(packed: Array, value: Array, error: Array, forcing: Array) -> Array:
         return jnp.concatenate(balance.sweep(packed[disks:], value))
 
-    def norm(value):
+    def norm(value: Array) -> Array:
         return jnp.linalg.norm(value) / scale
 
     iterate = newton(

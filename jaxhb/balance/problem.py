@@ -23,6 +23,7 @@ from jaxhb.equations.block_sweep import quotient
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
 from jaxhb.equations.reduced_model import ReducedOrderModel, reduced_model
 from jaxhb.equations.residual import ForceBalance
+from jaxhb.equations.system import System
 from jaxhb.results.response import Fields
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
@@ -41,7 +42,7 @@ class Problem:
     displacements of the rigid rotation; load_torque N m; load_power W.
     """
 
-    system: chain.System
+    system: System
     meshes: MeshParameters
     frequency: Array
     load: Array
@@ -94,7 +95,7 @@ def problem_at(train: DriveTrain, rpm: Number, excited: int) -> Problem:
 
 
 @remembered
-def _at_any_speed(train: DriveTrain) -> tuple[chain.System, MeshParameters, Array]:
+def _at_any_speed(train: DriveTrain) -> tuple[System, MeshParameters, Array]:
     """Linear system, meshes and rigid rotation of a train."""
     system = chain.assemble(train)
     return system, all_meshes(train), chain.rigid_shape(train, system.radius)

@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +50,7 @@ from jaxhb.balance.problem import (
     reduced_equation,
 )
 from jaxhb.balance.sizes import relative_residual
-from jaxhb.balance.sweeps import SweepEquation, SweepPlan
+from jaxhb.balance.sweeps import SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
@@ -109,7 +110,7 @@ def solve_problem(
     start: Start,
     goals: Goals,
     shape: ProgramShape,
-):
+) -> Outcome:
     """The Outcome of one Problem and its ActiveMeshes, from a Start to the Goals."""
     # The iteration is not differentiated: the implicit function theorem gives the
     # derivative of its solution.
@@ -291,7 +292,7 @@ def _begin(
             start_equation, start_equation.residual(deflection, shape.samples)
         )
 
-    def begin_by_sweeps():
+    def begin_by_sweeps() -> Begin:
         return by_sweeps(
             equation, shape.harmonics, sweep_plan, start, goals, residual_of
         )
@@ -299,7 +300,7 @@ def _begin(
     if not shape.compare_starts:
         return lax.cond(start.sweeps > 0, begin_by_sweeps, lambda: unswept)
 
-    def better_of_both():
+    def better_of_both() -> Begin:
         by_sweeping = begin_by_sweeps()
         is_worse = lax.cond(
             compared,
@@ -359,8 +360,10 @@ def by_sweeps(
     )
     swept_deflection = fourier.resize(ended.deflection, harmonics)
 
-    def better_of_both():
-        def march(_, carry):
+    def better_of_both() -> Array:
+        def march(
+            _: Array, carry: tuple[SweepPoint, Array]
+        ) -> tuple[SweepPoint, Array]:
             return sweeps.marched(equation, carry[0], plan)
 
         _, deflection = lax.fori_loop(
@@ -416,7 +419,7 @@ def estimate(
     active_meshes: ActiveMeshes,
     deflection: Array,
     shape: ProgramShape,
-):
+) -> Array:
     """The truncation error of a motion that was solved without it: deflections
     ``(G, N+1)`` m of the active meshes.
     """
@@ -466,7 +469,7 @@ def active_deflections(plan: Plan, deflections: Array) -> Array:
 
 
 def first_start(
-    plan: Plan, *, marches: bool = False, given: Array | None = None, xp=np
+    plan: Plan, *, marches: bool = False, given: Array | None = None, xp: Any = np
 ) -> Start:
     """The Start with teeth in contact, marched on or not, or with given deflections
     ``(G, n+1)`` m.
@@ -532,7 +535,7 @@ def _solve_traced(
     active_meshes: ActiveMeshes,
     goals: Goals,
     shape: ProgramShape,
-):
+) -> Response:
     """Solve in one program: piece by piece, differentiation outside ``jit`` compiles a
     hundred small ones.
     """
@@ -694,7 +697,7 @@ def solve_batches(
             [response] for response in side_by_side(alone, rpm.tolist(), devices)
         )
         return
-    solve = partial(_solve_all, shape=shape)
+    solve: Callable[..., Outcome] = partial(_solve_all, shape=shape)
     if len(devices) > 1:
         axes = problem_axes()
         problem_specs = jax.tree.map(
@@ -737,9 +740,11 @@ def solve_batches(
         yield responses
 
 
-def problem_axes():
+def problem_axes() -> Problem:
     """Axes of a batch of problems: what depends on speed has a leading one."""
-    return Problem(
+    # Axes in place of arrays
+    tree = cast(Any, Problem)
+    return tree(
         system=None,
         meshes=None,
         frequency=0,
@@ -751,7 +756,7 @@ def problem_axes():
 
 
 @partial(Program, static_argnames="excited")
-def problems_at(train: DriveTrain, rpm: Array, excited: int):
+def problems_at(train: DriveTrain, rpm: Array, excited: int) -> Problem:
     """The Problem of a train at speeds ``(n,)``, with the axes of
     :func:`problem_axes`.
     """
@@ -767,7 +772,7 @@ def _solve_all(
     start: Start,
     goals: Goals,
     shape: ProgramShape,
-):
+) -> Outcome:
     return jax.vmap(
         lambda problem: solve_problem(problem, active_meshes, start, goals, shape),
         in_axes=(problem_axes(),),

@@ -19,6 +19,7 @@ correction); solving and settling are one thing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -154,9 +155,18 @@ class SweepEquation:
         return even - 1j * odd, even + 1j * odd
 
 
-def free_motion(train, jump: Array) -> Array:
+class FreeTrain(Protocol):
+    """A SweepEquation or a LinearTrain, as free motion needs it."""
+
+    @property
+    def modes(self) -> MarchModes: ...
+    @property
+    def free(self) -> Array: ...
+
+
+def free_motion(train: FreeTrain, jump: Array) -> Array:
     """Free motion ``J jump`` ``(G, N+1)`` m of a cycle whose state ends off by ``jump``
-    ``(2m,)``; train : anything with ``modes`` and ``free``.
+    ``(2m,)``.
     """
     observed = train.modes.deflections * complex_modes(jump)
     # Products of real numbers: half the work of those of a mode and its conjugate.
@@ -372,6 +382,20 @@ def changes_to_come(change: Array, before_last: Array) -> Array:
     return jnp.where(ratio < 1, jnp.maximum(1.0, ratio / (1 - ratio)), jnp.inf)
 
 
+class _Sweeping(NamedTuple):
+    """Sweeps so far and their point; deflections ``(G, N+1)`` m before the last of them
+    and after it; the last three changes of the vibration; and what the last leaves of
+    the equations.
+    """
+
+    marches: Array
+    point: SweepPoint
+    before: Array
+    deflection: Array
+    changes: tuple[Array, Array, Array]
+    error: Array
+
+
 def settle(
     sweeps: SweepEquation,
     point: SweepPoint,
@@ -390,7 +414,7 @@ def settle(
     """
     equation = sweeps.equation
 
-    def sweep_once(carry):
+    def sweep_once(carry: _Sweeping) -> _Sweeping:
         count, point, _, before, (_, last_but_one, last), _ = carry
         following, deflection, residual = _sweep(sweeps, point, plan)
         linear = jnp.where(count == 0, point.linear, following.linear)
@@ -399,7 +423,7 @@ def settle(
         )
         point = SweepPoint(linear, following.state, following.force)
         changes = last_but_one, last, change
-        return (
+        return _Sweeping(
             count + 1,
             point,
             before,
@@ -408,7 +432,7 @@ def settle(
             relative_residual(equation, residual),
         )
 
-    def unsettled(carry):
+    def unsettled(carry: _Sweeping) -> Array:
         count, _, _, _, (before_last, _, change), error = carry
         away = change * changes_to_come(change, before_last) > goal
         promising = error * (change / before_last) ** (most / 2) <= solved
@@ -418,8 +442,9 @@ def settle(
             (count < allowed) & go_on & jnp.isfinite(change)
         )
 
-    no_changes = (jnp.array(jnp.inf),) * 3
-    start = (
+    infinite = jnp.array(jnp.inf)
+    no_changes = (infinite, infinite, infinite)
+    start = _Sweeping(
         jnp.array(0),
         point,
         equation.linear,
@@ -450,8 +475,10 @@ def visited(
     far each cycle misses its beginning, as meshes see it, m.
     """
 
-    def march(point, _):
-        end, _ = marched(sweeps, point, plan)
+    def march(
+        point: SweepPoint, _: None
+    ) -> tuple[SweepPoint, tuple[Array, Array, Array]]:
+        end = marched(sweeps, point, plan)[0]
         missed = sweeps.modes.deflections * complex_modes(end.state - point.state)
         return end, (point.state, point.force, jnp.linalg.norm(missed))
 

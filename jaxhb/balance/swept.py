@@ -20,8 +20,8 @@ from jaxhb.balance.problem import ActiveMeshes, Problem, linear_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
 from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
+from jaxhb.equations.system import System
 from jaxhb.results.status import NewtonOnSweeps, Sweeps
-from jaxhb.train.chain import System
 
 MOST_SWEEPS = 12  # a motion that these do not settle needs Newton's method
 # Marches of Newton's method at most: orbits of irregular trains that need more are
@@ -176,7 +176,7 @@ _begun: set = set()
 
 def compile_ahead(
     equation: CondensedEquation,
-    system,
+    system: System,
     columns: Array,
     modes: MarchModes,
     plan: SweepPlan,
@@ -260,7 +260,7 @@ def solve_by_sweeps(
         Sweeps(int(ended.marches), plan.steps, float(ended.change))
     ]
 
-    def is_unsettled():
+    def is_unsettled() -> bool:
         return goal < float(ended.distance)
 
     if newton and is_unsettled() and np.isfinite(ended.change):

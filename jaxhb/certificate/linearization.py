@@ -37,9 +37,9 @@ from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.condensation import CondensedEquation, truncate
+from jaxhb.equations.system import System
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
-from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_meshes
 
@@ -110,7 +110,7 @@ class CertificateSizes:
     time_steps: int
 
 
-def highest_frequency(system: chain.System) -> float:
+def highest_frequency(system: System) -> float:
     """Bound in rad/s of all natural frequencies, meshes in contact and damping left
     out; inf where a disk has no inertia.
     """
@@ -371,9 +371,7 @@ class Linearization:
         solution = np.asarray(solution)
         return solution * h if transposed else solution / h
 
-    def _decay_bound(
-        self, system: chain.System, columns: Array
-    ) -> tuple[Any, Any, float]:
+    def _decay_bound(self, system: System, columns: Array) -> tuple[Any, Any, float]:
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping
         (docs/theory A4.5).
         """

@@ -18,11 +18,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import jax
 
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.equations import fourier
+from jaxhb.equations.system import System
 
 
 @jax.tree_util.register_dataclass
@@ -114,6 +116,21 @@ class MeshParameters:
     variation: Array | None = None
     error: Array | None = None
     springs: int = field(default=0, metadata={"static": True})
+
+
+class Teeth(Protocol):
+    """Law and damping of G meshes, and the variation of their stiffness: the part of
+    MeshParameters, a CondensedEquation or a Stepper that forces at an instant need.
+    """
+
+    @property
+    def law(self) -> Law: ...
+    @property
+    def viscous(self) -> Array: ...
+    @property
+    def contact_damping(self) -> Array: ...
+    @property
+    def variation(self) -> Array | None: ...
 
 
 def separated(law: Law, deflection: Array) -> Array:
@@ -247,14 +264,13 @@ def nonlinear_slopes(
 
 
 def at_samples(
-    meshes, synthesize: Callable[[Array], Array]
+    meshes: Teeth, synthesize: Callable[[Array], Array]
 ) -> tuple[Law, Array, Array]:
     """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet
     samples ``(G, samples)``.
 
-    meshes : MeshParameters, a CondensedEquation, or whatever else has their law,
-    damping and variation; synthesize : gives values at these samples from coefficients
-    ``(G, K+1)``, called only where a stiffness varies.
+    synthesize : gives values at these samples from coefficients ``(G, K+1)``, called
+    only where a stiffness varies.
     """
     law = meshes.law.expand()
     if meshes.variation is not None:
@@ -271,7 +287,9 @@ def at_instant(law: Law, variation: Array) -> Law:
     )
 
 
-def error_load(system, meshes: MeshParameters, frequency: Number, load: Array) -> Array:
+def error_load(
+    system: System, meshes: MeshParameters, frequency: Number, load: Array
+) -> Array:
     """Add to the ``load`` ``(S, N+1)`` N the effect of transmission errors e on the
     train with all meshes in contact, ``D^T (c e + r e')``: its motion is then that
     under errors, and the deflections of meshes are ``D x - e``.

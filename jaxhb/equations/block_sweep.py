@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -65,6 +65,9 @@ def nonzero_pivot(pivot: Array, link: Array) -> Array:
     xp = namespace(pivot, link)
     size = xp.abs(link.real) + xp.abs(link.imag)
     return xp.where(pivot == 0, np.finfo(float).eps * size, pivot)
+
+
+Carry = TypeVar("Carry")
 
 
 class Slots(NamedTuple):
@@ -121,7 +124,9 @@ def scalar_sweep(
     rows = _HostRows if xp is np else _TracedRows
     with_forces = slice(load.shape[1] if forces is None else forces)
 
-    def eliminate(collected, branch):
+    def eliminate(
+        collected: tuple[Array, Array], branch: Sequence[Array]
+    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
         row, parent_row, alpha, beta, C, P, psi = branch
         stiffness, moment = collected
         P = P + stiffness[row]
@@ -143,14 +148,18 @@ def scalar_sweep(
     ]
     arrays = (places.row, places.parent_row, near, far, link, node, load)
     below_root = [array[:-1] for array in arrays]
-    (stiffness, moment), eliminated = rows.scan(eliminate, tuple(zeros), below_root)
+    (stiffness, moment), eliminated = rows.scan(
+        eliminate, (zeros[0], zeros[1]), below_root
+    )
     # All that hangs on the root has arrived: its displacement is known, and with it,
     # parent by parent, all others.
     root_row = places.row[-1]
     root_pivot = last_pivot(node[-1] + stiffness[root_row])
     root = (load[-1] + moment[root_row]) / root_pivot
 
-    def substitute(motion, branch):
+    def substitute(
+        motion: Array, branch: Sequence[Array]
+    ) -> tuple[Array, tuple[Array, Array]]:
         row, parent_row, follow, transfer, free, push = branch
         up = motion[parent_row]
         below = free + follow * up
@@ -180,23 +189,22 @@ class _TracedRows:
         return quotient(1.0, pivot), pivot == 0
 
     @staticmethod
-    def moved(
-        array: jax.Array, row: Array, parent_row: Array, values: Array
-    ) -> jax.Array:
+    def moved(array: Array, row: Array, parent_row: Array, values: Array) -> jax.Array:
         """Clear ``row``, and add ``values`` to ``parent_row``."""
-        return array.at[row].set(0.0, unique_indices=True).at[parent_row].add(values)
+        cleared = cast(jax.Array, array).at[row].set(0.0, unique_indices=True)
+        return cleared.at[parent_row].add(values)
 
     @staticmethod
-    def replaced(array: jax.Array, row: Array, values: Array) -> jax.Array:
+    def replaced(array: Array, row: Array, values: Array) -> jax.Array:
         """Put ``values`` into ``row``."""
-        return array.at[row].set(values, unique_indices=True)
+        return cast(jax.Array, array).at[row].set(values, unique_indices=True)
 
 
 class _HostRows:
     """The same steps and writes in numpy, in place."""
 
     @staticmethod
-    def inverse(node: np.ndarray, link: np.ndarray) -> tuple[Array, Array | bool]:
+    def inverse(node: Array, link: Array) -> tuple[Array, Array | bool]:
         """Inverse of the pivot, and whether there is none."""
         pivot = node + link
         if pivot.all() and np.abs(pivot).max() < LARGEST:
@@ -205,8 +213,11 @@ class _HostRows:
 
     @staticmethod
     def scan(
-        step: Callable, carry, arrays: Sequence[Array], reverse: bool = False
-    ) -> tuple:
+        step: Callable[[Carry, Sequence[Array]], tuple[Carry, Sequence[Array]]],
+        carry: Carry,
+        arrays: Sequence[Array],
+        reverse: bool = False,
+    ) -> tuple[Carry, Sequence[Array]]:
         """Scan as ``lax.scan`` does, over the rows of some arrays."""
         outputs = []
         rows = list(zip(*arrays, strict=True))
@@ -218,19 +229,30 @@ class _HostRows:
         return carry, [np.stack(values) for values in zip(*outputs, strict=True)]
 
     @staticmethod
-    def moved(
-        array: np.ndarray, row: int, parent_row: int, values: np.ndarray
-    ) -> np.ndarray:
+    def moved(array: Array, row: Array, parent_row: Array, values: Array) -> np.ndarray:
         """Clear ``row``, and add ``values`` to ``parent_row``."""
-        array[row] = 0.0
-        array[parent_row] += values
-        return array
+        rows = cast(np.ndarray, array)
+        rows[row] = 0.0
+        rows[parent_row] += values
+        return rows
 
     @staticmethod
-    def replaced(array: np.ndarray, row: int, values: np.ndarray) -> np.ndarray:
+    def replaced(array: Array, row: Array, values: Array) -> np.ndarray:
         """Put ``values`` into ``row``."""
-        array[row] = values
-        return array
+        rows = cast(np.ndarray, array)
+        rows[row] = values
+        return rows
+
+
+class HeldNode(NamedTuple):
+    """Motion of a node by that of its parent: with the parent held, and per its
+    displacement; the deflection of the link between them in the same two parts.
+    """
+
+    free: jax.Array
+    follow: jax.Array
+    bent: jax.Array
+    transfer: jax.Array
 
 
 def matrix_sweep(
@@ -252,7 +274,9 @@ def matrix_sweep(
     """
     width = node.shape[-1]
 
-    def eliminate(carry, branch):
+    def eliminate(
+        carry: tuple[jax.Array, jax.Array], branch: tuple[Array, ...]
+    ) -> tuple[tuple[jax.Array, jax.Array], tuple[HeldNode, jax.Array]]:
         stiffness, moment = carry
         position, up, alpha, beta, C = branch
         P = stiffness[position]
@@ -271,7 +295,7 @@ def matrix_sweep(
         follow = solved[:, width + 1 :]
         # l = alpha x_s - beta x_p without a difference of displacements: what of x_p
         # the node does not follow is P's.
-        held = free, alpha * beta * follow, alpha * free, beta * transfer
+        held = HeldNode(free, alpha * beta * follow, alpha * free, beta * transfer)
         return (stiffness, moment), (held, quality)
 
     places = jnp.arange(node.shape[0] - 1), parent[:-1]
@@ -279,7 +303,9 @@ def matrix_sweep(
     (stiffness, moment), (held, quality) = lax.scan(eliminate, (node, load), branches)
     root = jnp.linalg.solve(stiffness[-1], moment[-1])
 
-    def substitute(displacement, branch):
+    def substitute(
+        displacement: jax.Array, branch: tuple[Array, Array, HeldNode]
+    ) -> tuple[jax.Array, jax.Array]:
         position, up, (free, follow, bent, transfer) = branch
         above = displacement[up]
         return (

@@ -24,19 +24,11 @@ from jaxhb.equations import backlash, fourier
 SHORT = 1e-3
 
 
-class Sampled(Protocol):
-    """The part of a CondensedEquation that averages need: law and damping of G meshes,
-    variation of their stiffness, the frequency in rad/s, and l and l' at samples.
+class Sampled(backlash.Teeth, Protocol):
+    """The part of a CondensedEquation that averages need: its teeth, the frequency in
+    rad/s, and l and l' at samples.
     """
 
-    @property
-    def law(self) -> backlash.Law: ...
-    @property
-    def viscous(self) -> Array: ...
-    @property
-    def contact_damping(self) -> Array: ...
-    @property
-    def variation(self) -> Array | None: ...
     @property
     def frequency(self) -> Array: ...
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +36,7 @@ from jaxhb.equations.dynamic_stiffness import (
     receptance,
     solve_linear,
 )
+from jaxhb.equations.system import System
 
 # Disks up to which the motion under a load is found without a program, as quickly
 HOST_DISKS = 100
@@ -184,7 +184,7 @@ class CondensedTrain:
     active mesh.
     """
 
-    system: Any
+    system: System
     frequency: Array
     load: Array
     columns: Array
@@ -223,7 +223,7 @@ class CondensedTrain:
         return added(xp.array(force), links, -stiffness * error)
 
 
-def motion_under(system, omega: Array, load: Array) -> tuple[Array, Array]:
+def motion_under(system: System, omega: Array, load: Array) -> tuple[Array, Array]:
     """Displacements ``(S, H)`` m and link forces ``(L, H)`` N of the train under a load
     ``(S, H)`` N at frequencies ``(H,)``; on the host where its numbers lie there and
     disks are few.
@@ -237,7 +237,7 @@ def motion_under(system, omega: Array, load: Array) -> tuple[Array, Array]:
 
 
 @remembered
-def _cached_motion(arguments):
+def _cached_motion(arguments: tuple[System, Array, Array]) -> tuple[Array, Array]:
     """Motion of :func:`motion_under`, whose arguments are a tuple: the plan and the
     solve of a speed both need it.
     """
@@ -250,7 +250,7 @@ def _cached_motion(arguments):
 
 
 def displacements_and_bends(
-    system, frequency: Numbers, load: np.ndarray
+    system: System, frequency: Numbers, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacements ``(..., S, N+1)`` m of the train with all meshes in contact, and
     deflections ``(..., L, N+1)`` m of all links. The deflections come from the link
@@ -267,14 +267,14 @@ def displacements_and_bends(
     stiffness = link_stiffness(system, omega)
     bends = bends_of(system, displacement, force, stiffness)
 
-    def by_speed(rows):
-        return np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2)
+    def by_speed(rows: Array) -> np.ndarray:
+        return np.moveaxis(np.asarray(rows).reshape(len(rows), *speeds, count), 0, -2)
 
     return by_speed(displacement), by_speed(bends)
 
 
 def bends_of(
-    system,
+    system: System,
     displacement: Array,
     force: Array,
     stiffness: Array,
@@ -291,12 +291,14 @@ def bends_of(
 
 
 @Program
-def _by_chunks(system, omega: Array, load: Array) -> tuple[Array, Array]:
+def _by_chunks(system: System, omega: Array, load: Array) -> tuple[Array, Array]:
     """Compute :func:`motion_under` for MOTION_CHUNK frequencies at a time."""
     count = len(omega)
     size = -(-count // -(-count // MOTION_CHUNK))
 
-    def swept(chunk, motion):
+    def swept(
+        chunk: jax.Array, motion: tuple[jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
         # Chunks of equal size make one program; the last begins where it ends with the
         # frequencies.
         first = jnp.minimum(chunk * size, count - size)
@@ -335,7 +337,7 @@ def _cut(values: Array) -> Array:
 
 
 def with_receptances(
-    equation: CondensedEquation, system, columns: Array
+    equation: CondensedEquation, system: System, columns: Array
 ) -> CondensedEquation:
     """Give a CondensedEquation its receptances, those of a System; columns ``(S, G)``
     of D^T of its meshes.
@@ -347,7 +349,7 @@ def with_receptances(
 
 
 def linear_motion(
-    system,
+    system: System,
     frequency: Array,
     load: Array,
     harmonics: int,
@@ -391,7 +393,7 @@ def linear_motion(
     return equation, train
 
 
-def _receptances(system, omega: Array, columns: Array) -> Array:
+def _receptances(system: System, omega: Array, columns: Array) -> Array:
     """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at
     frequencies ``(N+1,)``.
     """

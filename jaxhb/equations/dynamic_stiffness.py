@@ -8,9 +8,8 @@ derivatives are implicit.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +24,10 @@ from jaxhb.equations.block_sweep import (
     scalar_sweep,
 )
 from jaxhb.equations.fourier import AnyArray
+from jaxhb.equations.system import System
+
+Arrays = tuple[Array, ...]
+Product = Callable[[tuple[Array, Array]], tuple[Array, Array]]
 
 
 def frequencies(frequency: AnyArray, harmonics: int) -> AnyArray:
@@ -32,7 +35,7 @@ def frequencies(frequency: AnyArray, harmonics: int) -> AnyArray:
     return frequency * namespace(frequency).arange(harmonics + 1)
 
 
-def link_stiffness(system, omega: AnyArray) -> AnyArray:
+def link_stiffness(system: System, omega: Array) -> Array:
     """Complex stiffness ``(L, H)`` N/m of every link: k (1 + i eta) + i omega r,
     without loss factor at the mean.
     """
@@ -44,13 +47,13 @@ def link_stiffness(system, omega: AnyArray) -> AnyArray:
 
 
 def complex_stiffness(
-    omega: AnyArray, stiffness: AnyArray, loss: AnyArray, viscous: AnyArray
-) -> AnyArray:
+    omega: Array, stiffness: Array, loss: Array, viscous: Array
+) -> Array:
     """Stiffness k (1 + i eta) + i omega r of a link, in N/m."""
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
-def node_stiffness(system, omega: Array) -> Array:
+def node_stiffness(system: System, omega: Array) -> Array:
     """Dynamic stiffness ``(S, N+1)`` N/m of every disk. A floating train is held at its
     root for the mean; without mean imbalance nothing flows through that support.
     """
@@ -71,7 +74,7 @@ def disk_stiffness(
 
 
 def solve_linear(
-    system, omega: Array, load: Array, forces: int | None = None
+    system: System, omega: Array, load: Array, forces: int | None = None
 ) -> tuple[Array, Array]:
     """Displacements ``(S, R, H)`` m and link forces ``(L, forces, H)`` N of the train:
     ``Z x = q``, ``f = C D x``
@@ -94,14 +97,14 @@ def solve_linear(
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
 def _solve_linear(
-    system, omega: Array, load: Array, forces: int | None
+    system: System, omega: Array, load: Array, forces: int | None
 ) -> tuple[Array, Array]:
     """Solve as :func:`solve_linear`, in a program, with implicit derivatives."""
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)
     with_forces = load.shape[1] if forces is None else forces
 
-    def residual(motion):
+    def residual(motion: tuple[Array, Array]) -> tuple[Array, Array]:
         displacement, force = motion
         pushed = C[:, None] * system.deflections(displacement)
         return (
@@ -109,12 +112,14 @@ def _solve_linear(
             force - pushed[:, :with_forces],
         )
 
-    def solve(_, right_side):
+    def solve(matvec: Product, right_side: tuple[Array, Array]) -> tuple[Array, Array]:
         load, shift = right_side
         displacement, force = _sweep(system, C, node, load, with_forces)
         return displacement, force + shift
 
-    def solve_transposed(_, right_side):
+    def solve_transposed(
+        matvec: Product, right_side: tuple[jax.Array, jax.Array]
+    ) -> tuple[Array, Array]:
         at_disks, at_links = right_side
         load = system.spread(C[:, None] * at_links)
         load = at_disks.at[:, :with_forces].add(load)
@@ -135,7 +140,7 @@ def _solve_linear_jvp(forces: int | None, primals: tuple, tangents: tuple) -> tu
     system_dot, omega_dot, load_dot = tangents
     displacement, force = _solve_linear(system, omega, load, None)
 
-    def parts(system, omega):
+    def parts(system: System, omega: Array) -> tuple[Array, Array, Array]:
         return (
             link_stiffness(system, omega),
             node_stiffness(system, omega),
@@ -159,7 +164,7 @@ def _solve_linear_jvp(forces: int | None, primals: tuple, tangents: tuple) -> tu
 
 
 def balance(
-    system, omega: Array, load: Array, displacement: Array, force: Array
+    system: System, omega: Array, load: Array, displacement: Array, force: Array
 ) -> tuple[Array, Array, Array]:
     """Measures of how loads ``(S, H)`` are balanced: the largest force left on a disk,
     the largest load, and the largest force of all links, inertias, dampers and grounds,
@@ -191,7 +196,7 @@ def _size(values: Array) -> Array:
 
 
 def _sweep(
-    system, C: Array, node: Array, load: Array, forces: int
+    system: System, C: Array, node: Array, load: Array, forces: int
 ) -> tuple[Array, Array]:
     """Eliminate the tree with links ``C`` and disks ``node``, and close it by the links
     outside it: displacements and link forces of :func:`solve_linear`.
@@ -261,16 +266,17 @@ def _solve_small(matrices: Array, right: Array) -> Array:
     return jax.scipy.linalg.lu_solve((factors, swaps), right)
 
 
-def condensed_chains(system, omega: Array) -> tuple[Any, Array, Array]:
+def condensed_chains(system: System, omega: Array) -> tuple[System, Array, Array]:
     """The train with its chains of disks without teeth as single links
-    (:class:`~jaxhb.train.chain.Condensation`): a System whose tree and arms alone are
-    those of the K disks that remain, links ``(L, H)`` and nodes ``(K, H)`` N/m.
+    (:class:`~jaxhb.equations.system.Condensation`): a System whose tree and arms alone
+    are those of the K disks that remain, links ``(L, H)`` and nodes ``(K, H)`` N/m.
 
     A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its
     neighbours, and stiffnesses kg/(k+c+g) and cg/(k+c+g) of these: sums without
     differences, so that a soft ground costs no digits.
     """
     condensation = system.tree.condensation
+    assert condensation is not None  # of a whole train
 
     def fields(names: Sequence[str], index: Array) -> tuple[Array, ...]:
         return tuple(jnp.asarray(getattr(system, name))[index] for name in names)
@@ -278,7 +284,10 @@ def condensed_chains(system, omega: Array) -> tuple[Any, Array, Array]:
     of_links = ("stiffness", "loss", "viscous")
     of_disks = ("mass", "damping", "ground")
 
-    def take_out(state, row):
+    def take_out(
+        state: tuple[Arrays, Arrays],
+        row: tuple[Array, Array, Array, Arrays, Arrays, Arrays],
+    ) -> tuple[tuple[Arrays, Arrays], None]:
         (link, begin, end), chains = state
         chain, first, held, before, after, disk = row
         link_before = jnp.where(held, complex_stiffness(omega, *before), 0.0)
@@ -311,8 +320,8 @@ def condensed_chains(system, omega: Array) -> tuple[Any, Array, Array]:
         fields(of_links, condensation.after),
         fields(of_disks, condensation.disk),
     )
-    zeros = (jnp.zeros(len(omega), complex),) * 3
-    chains = (jnp.zeros((len(condensation.end), len(omega)), complex),) * 3
+    zeros: Arrays = (jnp.zeros(len(omega), complex),) * 3
+    chains: Arrays = (jnp.zeros((len(condensation.end), len(omega)), complex),) * 3
     if len(condensation.end):
         (_, chains), _ = lax.scan(take_out, (zeros, chains), rows)
     chain_link, chain_begin, chain_end = chains
@@ -338,17 +347,19 @@ def condensed_chains(system, omega: Array) -> tuple[Any, Array, Array]:
 
 
 @jax.custom_jvp
-def receptance(system, omega: Array, columns: Array) -> Array:
+def receptance(system: System, omega: Array, columns: Array) -> Array:
     """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with
     ``columns`` ``(S, G)`` of D^T.
     """
     condensed, link, node = condensed_chains(system, omega)
-    mesh_columns = columns[system.tree.condensation.kept]
+    condensation = system.tree.condensation
+    assert condensation is not None  # of a whole train
+    mesh_columns = columns[condensation.kept]
     motion, _ = _sweep(condensed, link, node, unit_forces(mesh_columns, len(omega)), 0)
     return jnp.einsum("sg,srh->hgr", mesh_columns, motion)
 
 
-def _receptance_of_all_disks(system, omega: Array, columns: Array) -> Array:
+def _receptance_of_all_disks(system: System, omega: Array, columns: Array) -> Array:
     """Receptances as of :func:`receptance` by a sweep over all disks, whose derivative
     is defined.
     """

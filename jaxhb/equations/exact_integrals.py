@@ -314,7 +314,9 @@ def _root(
     rates = _derivative(powers)
     sense = xp.sign(_horner(powers, high) - _horner(powers, low))
 
-    def step(_, state):
+    def step(
+        _: int | Array, state: tuple[AnyArray, AnyArray, AnyArray]
+    ) -> tuple[AnyArray, AnyArray, AnyArray]:
         low, high, x = state
         value = _horner(powers, x) - level
         # Bracketed, as Newton's method alone leaves the cell where the deflection is

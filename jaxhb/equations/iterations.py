@@ -11,7 +11,9 @@ how the equations are scaled (Deuflhard, Newton Methods for Nonlinear Problems, 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -20,6 +22,18 @@ from jaxhb._jax import Array, Number
 
 ROWS = 10  # directions against which a new one is made orthogonal at once
 SHORTEST = 1e-3  # length below which there is no step
+
+
+class _Krylov(NamedTuple):
+    """Number of the step, x and its residual, and orthonormal images of the directions,
+    with these, ``(rows, n)``.
+    """
+
+    step: Number
+    x: Array
+    residual: Array
+    images: jax.Array
+    directions: jax.Array
 
 
 def gcr(
@@ -48,18 +62,21 @@ def gcr(
     norm = jnp.linalg.norm(b)
     capacity = jnp.zeros((-(-steps // ROWS) * ROWS, b.shape[0]))
 
-    def orthogonalize(block, state, images, directions):
+    def orthogonalize(
+        block: Array, state: tuple[Array, Array], images: Array, directions: Array
+    ) -> tuple[Array, Array]:
         image, direction = state
         image_rows = lax.dynamic_slice_in_dim(images, block * ROWS, ROWS)
         direction_rows = lax.dynamic_slice_in_dim(directions, block * ROWS, ROWS)
         shares = image_rows @ image
         return image - shares @ image_rows, direction - shares @ direction_rows
 
-    def unfinished(state):
-        count, _, residual, _, _ = state
-        return (count < steps) & (jnp.linalg.norm(residual) > tolerance * norm)
+    def unfinished(state: _Krylov) -> Array:
+        return (state.step < steps) & (
+            jnp.linalg.norm(state.residual) > tolerance * norm
+        )
 
-    def extend(state):
+    def extend(state: _Krylov) -> _Krylov:
         count, x, residual, images, directions = state
         direction = precondition(residual)
         image = apply(direction)
@@ -82,7 +99,7 @@ def gcr(
         # Images are orthonormal, so that the residual falls by its component along the
         # last one alone.
         share = image @ residual
-        return (
+        return _Krylov(
             count + 1,
             x + share * direction,
             residual - share * image,
@@ -90,7 +107,7 @@ def gcr(
             directions.at[count].set(direction),
         )
 
-    start = (0, jnp.zeros_like(b), b, capacity, capacity)
+    start = _Krylov(0, jnp.zeros_like(b), b, capacity, capacity)
     used, x, residual, _, _ = lax.while_loop(unfinished, extend, start)
     return x, jnp.linalg.norm(residual) / jnp.where(norm > 0, norm, 1.0), used
 

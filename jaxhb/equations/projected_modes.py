@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 
+from jaxhb._jax import Array
 from jaxhb.equations.state_space import (
     HELD,
     HELD_ROUNDED,
@@ -28,13 +29,14 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from jaxhb.equations.backlash import MeshParameters
+    from jaxhb.equations.system import System
 
 # Frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as
 # many sweeps
 SHIFTS = 12
 
 
-def projected_modes(system, meshes: MeshParameters, frequency: float) -> Modes:
+def projected_modes(system: System, meshes: MeshParameters, frequency: float) -> Modes:
     """The :class:`~jaxhb.equations.state_space.Modes` of a System of the host that its
     meshes notice.
 
@@ -92,7 +94,7 @@ class SparseTrain:
     highest: float
 
     @classmethod
-    def of(cls, system, links: np.ndarray) -> SparseTrain:
+    def of(cls, system: System, links: np.ndarray) -> SparseTrain:
         """Make it of a System, and the links that are meshes."""
         from scipy.sparse import csr_matrix, diags  # large trains alone need it
 
@@ -103,7 +105,7 @@ class SparseTrain:
         places = (np.tile(count, 2), np.concatenate([tree.end_a, tree.end_b]))
         deflections = csr_matrix((arms, places), shape=(len(count), disks))
 
-        def assembled(of_links: np.ndarray, of_disks: np.ndarray) -> csc_matrix:
+        def assembled(of_links: Array, of_disks: Array) -> csc_matrix:
             from_links = deflections.T @ diags(of_links) @ deflections
             return (from_links + diags(of_disks)).tocsc()
 

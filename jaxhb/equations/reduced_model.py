@@ -29,6 +29,7 @@ from jaxhb.equations.state_space import (
     paired,
     paired_matrix,
 )
+from jaxhb.equations.system import System
 
 # Disks of a train, at most, whose modes are all part of the model
 DISKS = 64
@@ -67,7 +68,7 @@ def states_of(disks: int) -> int:
 
 
 def reduced_model(
-    system, links: Array, active: Array, frequency: Number, time_steps: int
+    system: System, links: Array, active: Array, frequency: Number, time_steps: int
 ) -> ReducedOrderModel:
     """The :class:`ReducedOrderModel` of all modes of a train; of a larger train, of
     those that meshes see most.
@@ -168,7 +169,7 @@ def reduced_model(
 
 
 def _basis(
-    system, mass: Array, links: Array, frequency: Number, time_steps: int
+    system: System, mass: Array, links: Array, frequency: Number, time_steps: int
 ) -> Array:
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh
     forces excite.

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,9 @@ from jaxhb.equations.dynamic_stiffness import (
     frequencies,
     link_stiffness,
 )
+from jaxhb.equations.system import System
+
+Evaluated = TypeVar("Evaluated")
 
 
 @jax.tree_util.register_dataclass
@@ -45,7 +48,7 @@ class ForceBalance:
     rotation; samples : per cycle, at which the law is evaluated, more than 4 N.
     """
 
-    system: Any
+    system: System
     meshes: MeshParameters
     frequency: Array
     load: Array
@@ -61,7 +64,7 @@ class ForceBalance:
         """Residual A(x) ``(S, P)`` N at ``packed`` displacements ``(S, P)`` m."""
         return self.residual_at(packed, self.deflections(packed))
 
-    def deflections(self, packed: Array) -> jax.Array:
+    def deflections(self, packed: Array) -> Array:
         """Packed deflections D x ``(L, P)`` m of all links, from displacements ``(S,
         P)`` m.
         """
@@ -89,8 +92,8 @@ class ForceBalance:
             force = force.at[link].add(
                 of_law[count:] - self._linear_beside() * deflection[link]
             )
-        left = fourier.pack(self._disks() * x - self.load + self.system.spread(force))
-        return left.at[:, 0].add(self._hold(mean))
+        left = self._disks() * x - self.load + self.system.spread(force)
+        return cast(jax.Array, fourier.pack(left)).at[:, 0].add(self._hold(mean))
 
     def link_blocks(self, packed: Array) -> jax.Array:
         """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L,
@@ -115,11 +118,11 @@ class ForceBalance:
         linear = self._linear_beside()[:, :, None] * jnp.eye(packed.shape[-1])
         return blocks.at[meshes.link[count:]].add(of_law[count:] - linear)
 
-    def node_blocks(self) -> Array:
+    def node_blocks(self) -> jax.Array:
         """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and
         ground.
         """
-        return fourier.packed_diagonal(self._disks() + 0j)
+        return cast(jax.Array, fourier.packed_diagonal(self._disks() + 0j))
 
     def jacobian(self, packed: Array) -> jax.Array:
         """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
@@ -158,21 +161,23 @@ class ForceBalance:
         node = self.node_blocks()
         link = self.link_blocks(self.deflections(packed))
 
-        def product(change):
+        def product(change: Array) -> Array:
             force = jnp.einsum("lij,lj->li", link, self.system.deflections(change))
             on_disks = jnp.einsum("sij,sj->si", node, change) + self.system.spread(
                 force
             )
             return on_disks.at[:, 0].add(self._hold(change[:, 0]))
 
-        def by(node, link):
+        def by(
+            node: jax.Array, link: jax.Array
+        ) -> Callable[[Callable[[Array], Array], jax.Array], jax.Array]:
             return lambda _, right_side: self._swept(node, link, right_side)[0]
 
         transposed = by(node.transpose(0, 2, 1), link.transpose(0, 2, 1))
         return lax.custom_linear_solve(product, right_side, by(node, link), transposed)
 
     def sweep(
-        self, deflection: jax.Array, right_side: jax.Array
+        self, deflection: Array, right_side: Array
     ) -> tuple[jax.Array, jax.Array]:
         """Solve with the Jacobian at packed deflections ``(L, P)`` m for a
         ``right_side`` ``(S, P)`` by one block sweep over the tree: the solution, and
@@ -182,7 +187,7 @@ class ForceBalance:
         return self._swept(node, self.link_blocks(deflection), right_side)
 
     def _swept(
-        self, node: jax.Array, link: jax.Array, right_side: jax.Array
+        self, node: jax.Array, link: jax.Array, right_side: Array
     ) -> tuple[jax.Array, jax.Array]:
         """Solution and deflections by elimination with blocks of disks and links."""
         system = self.system
@@ -190,7 +195,7 @@ class ForceBalance:
         if not len(link):
             return (
                 jnp.linalg.solve(node, right_side[:, :, None])[:, :, 0],
-                right_side[:0],
+                cast(jax.Array, right_side[:0]),
             )
         # The sweep counts from the leaves: arms of the node and of its parent,
         # whichever end of the link they are at.
@@ -203,7 +208,9 @@ class ForceBalance:
         hold = self._hold_per_drift()
         floating = system.floating
         unbalanced = jnp.where(floating, self.rigid @ right_side[:, 0], 0.0)
-        balanced = right_side.at[:, 0].add(-turned * unbalanced / inertia)
+        balanced = (
+            cast(jax.Array, right_side).at[:, 0].add(-turned * unbalanced / inertia)
+        )
         node = node.at[tree.node[-1], 0, 0].add(jnp.where(floating, 1.0, 0.0))
         swept, bent, _ = matrix_sweep(
             tree.parent,
@@ -236,6 +243,7 @@ class ForceBalance:
         hold rings at the mean.
         """
         system = self.system
+        assert system.tree.pinned is not None  # of a whole train
         ring = self.frequency**2 * system.mass[system.tree.end_b]
         hold = jnp.where(system.tree.pinned & (system.stiffness == 0), ring, 0.0)
         stiffness = jnp.asarray(link_stiffness(system, self._omega()))
@@ -274,7 +282,9 @@ class ForceBalance:
         turned, inertia = self._turned()
         return self._hold_per_drift() * turned * (turned @ mean) / inertia
 
-    def _at_samples(self, function: Callable, deflection: Array):
+    def _at_samples(
+        self, function: Callable[..., Evaluated], deflection: Array
+    ) -> Evaluated:
         """Evaluate a function of the laws at time samples, along the motion with
         deflections ``(L, N+1)`` m of the links.
         """

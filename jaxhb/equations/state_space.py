@@ -42,6 +42,7 @@ from jaxhb._jax import Array, Number, namespace, on_host, traced
 
 if TYPE_CHECKING:
     from jaxhb.equations.backlash import MeshParameters
+    from jaxhb.equations.system import System
 
 # Share of the mean inertia that a disk without inertia gets: its mode is then far above
 # all others
@@ -143,7 +144,7 @@ def modal_basis(transition: Array) -> Array:
     return jnp.concatenate([vectors[:, first].real, second_columns], axis=1)
 
 
-def matrices(system) -> tuple[Array, Array]:
+def matrices(system: System) -> tuple[Array, Array]:
     """Dense damping matrix B ``(S, S)`` N s/m and stiffness matrix K ``(S, S)`` N/m,
     meshes taken in contact.
     """
@@ -154,7 +155,7 @@ def matrices(system) -> tuple[Array, Array]:
     return B, K
 
 
-def loss_stiffness(system) -> Array:
+def loss_stiffness(system: System) -> Array:
     """Imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics
     above 0.
     """
@@ -162,7 +163,7 @@ def loss_stiffness(system) -> Array:
     return D.T @ ((system.loss * system.stiffness)[:, None] * D)
 
 
-def loss_damping(system) -> np.ndarray:
+def loss_damping(system: System) -> np.ndarray:
     """Damping matrix ``(S, S)`` N s/m, host, that takes as much from every mode as loss
     factors do, which have no equation in time.
 
@@ -186,7 +187,7 @@ def loss_damping(system) -> np.ndarray:
 
 
 def partition(
-    system,
+    system: System,
     meshes: MeshParameters,
     disk_names: Sequence[str] | None = None,
     link_names: Sequence[str] | None = None,
@@ -211,7 +212,7 @@ def partition(
     def named(names: Sequence[str] | None, kind: str, indices: Iterable[int]) -> str:
         return ", ".join(repr(names[i]) if names else f"{kind} {i}" for i in indices)
 
-    refused = [] if lossy else np.flatnonzero(system.loss)
+    refused: Sequence[int] | np.ndarray = [] if lossy else np.flatnonzero(system.loss)
     if len(refused):
         raise ValueError(
             f"{named(link_names, 'link', refused)}: loss factors exist only in harmonic"
@@ -248,7 +249,7 @@ def partition(
 
 
 def state_space(
-    system,
+    system: System,
     meshes: MeshParameters,
     frequency: Number,
     parts: Partition,
@@ -310,7 +311,7 @@ def state_space(
     )
 
 
-def dense_linear_motion(system, frequency: Number, load: Array) -> Array:
+def dense_linear_motion(system: System, frequency: Number, load: Array) -> Array:
     """Steady displacements ``(S, N+1)`` m of the train with all meshes in contact under
     ``load`` ``(S, N+1)`` N, one dense solve per harmonic; motions that no force opposes
     (rotation, rings without spring) have mean zero.
@@ -368,7 +369,7 @@ class Modes:
 
 
 def march_modes(
-    system, meshes: MeshParameters, frequency: float, parts: Partition
+    system: System, meshes: MeshParameters, frequency: float, parts: Partition
 ) -> Modes:
     """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
     # Springs in proportion to the inertias leave the undamped shapes as they are: they
@@ -382,7 +383,7 @@ def march_modes(
     return modes_of(space, _motion(system, space, parts))
 
 
-def _holding(system, frequency: float, parts: Partition) -> float:
+def _holding(system: System, frequency: float, parts: Partition) -> float:
     """Stiffness over inertia, 1/s2, of the springs that hold free rotation."""
     inertial = np.array(parts.inertial, int)
     highest = np.max(
@@ -392,7 +393,7 @@ def _holding(system, frequency: float, parts: Partition) -> float:
 
 
 def unheld_modes(
-    system,
+    system: System,
     meshes: MeshParameters,
     space: StateSpace,
     frequency: float,
@@ -476,7 +477,7 @@ def _modes_of_pairs(
     )
 
 
-def _motion(system, space: StateSpace, parts: Partition) -> np.ndarray:
+def _motion(system: System, space: StateSpace, parts: Partition) -> np.ndarray:
     """Matrix ``(2S, n)`` from the state to (x, x') of all disks."""
     A = np.asarray(space.transition)
     T = np.asarray(space.coordinates)

@@ -9,6 +9,7 @@ are taken of these once, for all speeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -29,14 +30,38 @@ at constant speed: see ``docs/reference/excitation.md``.
 """
 
 
-def source(cylinder) -> str | None:
+class GasSources(Protocol):
+    """What a gas torque may come from: the keys of a ``[[cylinder]]`` or an
+    ``[engine]``, of which one is set.
+    """
+
+    @property
+    def pressure(self) -> tuple | None: ...
+    @property
+    def traces(self) -> tuple | None: ...
+    @property
+    def combustion(self) -> StrokeCycle | None: ...
+    @property
+    def gas_torque(self) -> tuple | None: ...
+    @property
+    def gas_torque_mean(self) -> float | None: ...
+
+
+class StrokeCycle(Protocol):
+    """A combustion, as far as it says how long a gas cycle lasts."""
+
+    @property
+    def stroke_cycle(self) -> float: ...
+
+
+def source(cylinder: GasSources) -> str | None:
     """Name the field that the gas torque of a cylinder is computed from, None where it
     is not computed.
     """
     return next((key for key in COMPUTED if getattr(cylinder, key)), None)
 
 
-def source_word(cylinder) -> str:
+def source_word(cylinder: GasSources) -> str:
     """Name the :func:`source` as a word: "harmonics" of a prescribed gas torque, "none"
     where there is none.
     """
@@ -53,11 +78,11 @@ def is_four_stroke(rows: Sequence[Sequence[float]] | np.ndarray) -> bool:
     return bool(angle[-1] - angle[0] > longest or np.abs(angle).max() > longest)
 
 
-def gas_revolutions(cylinder) -> int:
+def gas_revolutions(cylinder: GasSources) -> int:
     """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is
     not computed.
     """
-    if source(cylinder) == "combustion":
+    if source(cylinder) == "combustion" and cylinder.combustion is not None:
         return int(cylinder.combustion.stroke_cycle) // 2
     rows = cylinder.pressure or (
         cylinder.traces[0].pressure if cylinder.traces else None

@@ -5,7 +5,7 @@ elements, and what of their gas cycles is fixed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, dataclass_transform
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
@@ -13,21 +13,22 @@ from jaxhb._jax import pytree
 from jaxhb._shown import brief
 
 Array = Any  # numpy or jax, as the numbers of trains are read by both
+Table = TypeVar("Table")
 
 # Fields of a cylinder whose gas torque is computed from its pressure
 COMPUTED = ("pressure", "traces", "combustion")
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
-def table(cls):
+def table(cls: type[Table]) -> type[Table]:
     """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot
     be changed in place.
     """
-    cls.__post_init__ = _locked
+    cast(Any, cls).__post_init__ = _locked
     return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
 
 
-def _locked(self) -> None:
+def _locked(self: object) -> None:
     """Hold read-only views: the caller may still write to the arrays that it passed."""
     for name, value in list(vars(self).items()):
         if isinstance(value, np.ndarray) and value.flags.writeable:

@@ -26,12 +26,12 @@ from jaxhb.equations.state_space import (
     state_space,
     unheld_modes,
 )
+from jaxhb.equations.system import System
 from jaxhb.floquet import intervals, variational
 from jaxhb.floquet.slopes import Reactions, reactions_of
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
-from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_meshes
 from jaxhb.train.topology import Topology

@@ -17,6 +17,7 @@ from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import displacements_and_bends
 from jaxhb.equations.state_space import Modes, matrices, static_response
+from jaxhb.equations.system import System
 from jaxhb.integration.step import (
     KrogstadWeights,
     Stepper,
@@ -24,7 +25,6 @@ from jaxhb.integration.step import (
     krogstad,
     rows_of,
 )
-from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation
 from jaxhb.train.mesh_parameters import all_meshes
@@ -150,7 +150,7 @@ def _weights(modes: Modes, dt: np.ndarray) -> KrogstadWeights:
     full_1, full_2, full_3 = (dt * phi for phi in _phi_functions(exponent))
     first, second, third, end = krogstad(half_1 / 2, half_2, full_1, full_2, full_3)
 
-    def forced_states(weights: Sequence[np.ndarray]) -> np.ndarray:
+    def forced_states(weights: Sequence[Array]) -> np.ndarray:
         """States ``(L, m, j G)`` of complex modes under the forces of j stages."""
         return np.concatenate(
             [weight[:, :, None] * modes.forcing for weight in weights], axis=2

@@ -4,7 +4,7 @@ one begins.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +16,9 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import Modes
+from jaxhb.equations.system import System
 from jaxhb.integration.batch import SAMPLES, LinearMotion
 from jaxhb.integration.step import Stepper, run
-from jaxhb.train.chain import System
 
 CYCLES = 8  # cycles that a program marches at a time, at most
 HARMONICS = 256  # harmonics of the cycle whose amplitudes are kept, at most
@@ -99,6 +99,10 @@ class Marched:
     trace: Array
     numbers: CycleNumbers | None
     power: Array | None
+
+
+# State, samples and numbers of the cycles so far, trace of the last, summed power
+MarchCarry = tuple[Array, tuple[Array, CycleNumbers | None], Array, Array | None]
 
 
 def cut(outputs: Outputs | None, by_speed: Any, shared: Any) -> Outputs | None:
@@ -194,7 +198,9 @@ def _rows(
 
 
 @Program
-def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None):
+def march(
+    stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None
+) -> Marched:
     """March some cycles at one speed, CYCLES at most, one program for any number of
     them, each reduced to numbers with ``outputs`` (not None): the :class:`Marched`.
 
@@ -204,17 +210,23 @@ def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs 
     """
     stepper, outputs = jax.tree.map(jnp.asarray, (stepper, outputs))
 
-    def keep(rows, k, *step_values):
+    def keep(
+        rows: tuple[Array, ...], k: int | Array, *step_values: Array
+    ) -> tuple[Array, ...]:
         return tuple(
             lax.dynamic_update_index_in_dim(array, value, k, axis=0)
             for array, value in zip(rows, step_values, strict=False)
         )
 
-    def one_cycle(state):
+    def one_cycle(
+        state: Array,
+    ) -> tuple[Array, Array, CycleNumbers | None, Array | None]:
         widths = [stepper.linear.shape[1]]
         if outputs is not None:
             widths.append(len(state))
-        step_rows = tuple(jnp.zeros((stepper.steps + 1, width)) for width in widths)
+        step_rows: tuple[Array, ...] = tuple(
+            jnp.zeros((stepper.steps + 1, width)) for width in widths
+        )
         state, w, step_rows = run(
             stepper, state, 0, stepper.steps, keep, step_rows, even=True
         )
@@ -224,7 +236,7 @@ def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs 
         numbers, power = _statistics(stepper, outputs, *step_rows)
         return state, step_rows[0], numbers, power
 
-    def next_cycle(index, carry):
+    def next_cycle(index: Array, carry: MarchCarry) -> MarchCarry:
         state, rows, _, power = carry
         state, trace, numbers, cycle_power = one_cycle(state)
         row = trace[: -1 : stepper.steps // SAMPLES], numbers
@@ -253,12 +265,14 @@ def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs 
 @Program
 def march_side_by_side(
     stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None
-):
+) -> Marched:
     """:func:`march` at several speeds; stepper, state and part of the outputs have a
     leading axis for them.
     """
 
-    def march_one_speed(stepper, state, outputs):
+    def march_one_speed(
+        stepper: Stepper, state: Array, outputs: Outputs | None
+    ) -> Marched:
         return march(stepper, state, cycles, outputs)
 
     return jax.vmap(march_one_speed, in_axes=(0, 0, cut(outputs, 0, None)))(
@@ -272,7 +286,7 @@ def harmonics_of(steps: int) -> int:
 
 
 def _statistics(
-    stepper: Stepper, outputs, w: Array, states: Array
+    stepper: Stepper, outputs: Outputs, w: Array, states: Array
 ) -> tuple[CycleNumbers, Array]:
     """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1,
     2m)``.
@@ -296,12 +310,12 @@ def _statistics(
             outputs.beside
             @ (transmitted - law.linear_stiffness * deflection)[:, ::STRIDE]
         )
-        shafts = shafts.at[-len(spring_torques) :].add(spring_torques)
+        shafts = cast(jax.Array, shafts).at[-len(spring_torques) :].add(spring_torques)
     teeth = jnp.concatenate(
         [linear_meshes, deflection, elastic, transmitted, *gear_torques]
     )
     by_samples = [
-        _numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)
+        _numbers(values, harmonics_of(stepper.capacity)) for values in (shafts, teeth)
     ]
     quantities, power = jax.tree.map(
         lambda *part_leaves: jnp.concatenate(part_leaves), *by_samples

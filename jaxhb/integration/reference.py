@@ -16,12 +16,12 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
+from jaxhb.equations.system import System
 from jaxhb.integration import shooting
 from jaxhb.integration.step import CycleTrace, Stepper, discretize, march
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
-from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation, listed_harmonic
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes

@@ -8,13 +8,13 @@ whole, and the segments run side by side.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, Number
 from jaxhb.equations import iterations
 from jaxhb.equations.state_space import StateSpace
 from jaxhb.integration.step import (
@@ -64,7 +64,7 @@ def beginnings(stepper: Stepper, state: Array, segments: int = SEGMENTS) -> Arra
     segments.
     """
 
-    def through(state, segment):
+    def through(state: Array, segment: Array) -> tuple[Array, Array]:
         return _end(stepper, state, segment, segments), state
 
     return lax.scan(through, state, jnp.arange(segments))[1]
@@ -94,14 +94,14 @@ def motion(stepper: Stepper, nodes: Array) -> CycleTrace:
     )
 
 
-def gaps(stepper: Stepper, nodes: Array, *observer):
+def gaps(stepper: Stepper, nodes: Array, *observer: Any) -> tuple[Array, Any]:
     """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K,
     n)``, and what was seen on the way; observer : ``keep`` and ``seen`` of
     :func:`~jaxhb.integration.step.run`.
     """
     count = stepper.steps // len(nodes)
 
-    def through(node, segment):
+    def through(node: Array, segment: Array) -> tuple[Array, Any]:
         end, _, observed = run(stepper, node, segment * count, count, *observer)
         return end, observed
 
@@ -134,7 +134,7 @@ def ends(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     all states.
     """
 
-    def end(node, segment):
+    def end(node: Array, segment: Array) -> tuple[Array, Array]:
         reached = _end(stepper, node, segment, len(nodes))
         return reached, reached
 
@@ -144,12 +144,21 @@ def ends(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     return reached, slopes
 
 
-def condense(slope: Array):
-    """Condense a cycle on its first node, as :func:`closing` needs it: its slope
-    ``(K, n, n)``, and the singular value decomposition of the condensed equations
-    ``(n, n)``.
+class CondensedCycle(NamedTuple):
+    """A cycle condensed on its first node: the slope ``(K, n, n)`` of its segments, and
+    the singular value decomposition of the condensed equations ``(n, n)``.
     """
-    return slope, *jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
+
+    slope: Array
+    left: Array
+    values: Array
+    right: Array
+
+
+def condense(slope: Array) -> CondensedCycle:
+    """Condense a cycle on its first node, as :func:`closing` needs it."""
+    left, values, right = jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
+    return CondensedCycle(slope, left, values, right)
 
 
 def _over_cycle(slope: Array) -> Array:
@@ -163,9 +172,9 @@ def _over_cycle(slope: Array) -> Array:
     return lax.scan(through, jnp.eye(slope.shape[1]), slope)[0]
 
 
-def closing(condensed, gap: Array) -> Array:
+def closing(condensed: CondensedCycle, gap: Array) -> Array:
     """Change ``(K, n)`` of the nodes, shortest at the first, that closes all gaps
-    ``(K, n)`` to first order; condensed : of :func:`condense`.
+    ``(K, n)`` to first order.
     """
     slope, left, values, right = condensed
     # The gaps of all segments, taken on to the end of the cycle: what the first node
@@ -189,6 +198,17 @@ def closing(condensed, gap: Array) -> Array:
     )[1]
 
 
+class _Closing(NamedTuple):
+    """Nodes ``(K, n)``, the periodicity error of their motion, Newton steps, and
+    whether the last of them led closer.
+    """
+
+    nodes: Array
+    periodicity_error: Array
+    steps: Array
+    closer: Array
+
+
 def close(
     stepper: Stepper, nodes: Array, *, tolerance: float | Array, most: int
 ) -> tuple[Array, CycleTrace, Array]:
@@ -201,19 +221,22 @@ def close(
     """
     lengths = jnp.array(LENGTHS)
 
-    def unfinished(carry):
-        _, periodicity_error, done, closer = carry
-        return ~(periodicity_error <= tolerance) & (done < most) & closer
+    def unfinished(carry: _Closing) -> Array:
+        return (
+            ~(carry.periodicity_error <= tolerance)
+            & (carry.steps < most)
+            & carry.closer
+        )
 
-    def step(carry):
+    def step(carry: _Closing) -> _Closing:
         nodes, periodicity_error, done, _ = carry
         gap, slope = linearize(stepper, nodes)
         condensed = condense(slope)
 
-        def change(gap):
+        def change(gap: Array) -> Array:
             return closing(condensed, gap)
 
-        def try_length(length: Array):
+        def try_length(length: Array) -> tuple[Number, Array]:
             gap, periodicity_error = gaps_and_error(
                 stepper, nodes + length * full_change
             )
@@ -230,14 +253,14 @@ def close(
         best = jnp.argmax(lowers_level)
         any_closer = jnp.any(lowers_level)
         nodes = jnp.where(any_closer, nodes + lengths[best] * full_change, nodes)
-        return (
+        return _Closing(
             nodes,
             jnp.where(any_closer, periodicity_errors[best], periodicity_error),
             done + 1,
             any_closer,
         )
 
-    start = (nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
+    start = _Closing(nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
     nodes, _, done, _ = lax.while_loop(unfinished, step, start)
     return nodes, motion(stepper, nodes), done
 
@@ -276,11 +299,13 @@ def shoot(
     identity = jnp.eye(state.shape[0])
     lengths = jnp.array(SEARCH_LENGTHS)
 
-    def unfinished(carry):
+    def unfinished(carry: tuple[Array, jax.Array, jax.Array]) -> Array:
         _, periodicity_error, done = carry
         return (done < most) & ~(periodicity_error <= tolerance)
 
-    def correct(carry):
+    def correct(
+        carry: tuple[Array, jax.Array, jax.Array],
+    ) -> tuple[Array, jax.Array, jax.Array]:
         state, _, done = carry
         transition, end = monodromy(stepper, state)
         # (I - Phi) dz = z(T) - z. Far from a motion the full step may land anywhere:

@@ -46,7 +46,7 @@ from jaxhb.equations.state_space import (
     state_space,
     static_response,
 )
-from jaxhb.train.chain import System
+from jaxhb.equations.system import System
 
 
 @jax.tree_util.register_dataclass
@@ -107,7 +107,7 @@ class Stepper:
         return self.linear.shape[0] // 2
 
     @property
-    def steps(self):
+    def steps(self) -> int | Array:
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
 
@@ -199,7 +199,9 @@ class Stepper:
         )
 
 
-def krogstad(half_1: Array, half_2: Array, full_1, full_2, full_3):
+def krogstad(
+    half_1: Array, half_2: Array, full_1: Array, full_2: Array, full_3: Array
+) -> tuple[tuple[Array, ...], ...]:
     """Weights of the forces of each stage and of the whole step (the two in the middle
     have one weight), from the integrals of the propagator over half a step and a full
     one.
@@ -258,19 +260,17 @@ def discretize(
         space.coordinates
         @ fourier.sample(jnp.concatenate([displacement, velocity]), 1)[:, 0]
     )
-    variation = rows_of(meshes.variation, steps)
+    variation = None
+    if meshes.variation is not None:
+        variation = rows_of(meshes.variation, steps)
     return stepper_of(
         space, meshes, linear, variation, frequency, steps, linear_state, flank_state
     )
 
 
-def rows_of(coefficients: Array | None, steps: int):
-    """Values ``(2 steps, n)`` of coefficients ``(n, N+1)`` at every half step; None for
-    None.
-    """
-    return (
-        None if coefficients is None else fourier.synthesize(coefficients, 2 * steps).T
-    )
+def rows_of(coefficients: Array, steps: int) -> Array:
+    """Values ``(2 steps, n)`` of coefficients ``(n, N+1)`` at every half step."""
+    return fourier.synthesize(coefficients, 2 * steps).T
 
 
 def stepper_of(
@@ -340,8 +340,8 @@ def _weights(space: StateSpace, dt: Number) -> KrogstadWeights:
     half_2 = 4 * half_exponential[:n, n + G : n + 2 * G]
     E_full = step_exponential[:n, :n]
     full_1, full_2, full_3 = jnp.split(step_exponential[:n, n:], 3, axis=1)
-    first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
-    end = jnp.concatenate(end, axis=1)
+    first, second, third, whole = krogstad(half_1, half_2, full_1, full_2, full_3)
+    end = jnp.concatenate(whole, axis=1)
     return KrogstadWeights(
         propagator=paired(E_full) if space.in_modes else E_full,
         ahead=jnp.concatenate([L @ E_full, L @ E_half]),
@@ -393,7 +393,7 @@ def run(
     keep: Callable[..., Any] = lambda seen, *_: seen,
     seen: Any = (),
     even: bool = False,
-):
+) -> tuple[Array, Array, Any]:
     """Take ``count`` steps from the deviation ``state`` ``(n,)`` at the beginning of
     step ``first``; valid under jit and vmap.
 
@@ -402,7 +402,9 @@ def run(
     ``even`` : the count is even, and two steps are taken at once.
     """
 
-    def step(k, carry):
+    def step(
+        k: int | Array, carry: tuple[Array, Array, Any]
+    ) -> tuple[Array, Array, Any]:
         state, w, seen = carry
         return *stepper.advance(state, w, first + k), keep(seen, k, w, state)
 
@@ -420,9 +422,11 @@ def run(
     return lax.fori_loop(0, count, step, start)
 
 
-def _whole(stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any):
+def _whole(
+    stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any
+) -> tuple[Array, Array, Any]:
     """State after one cycle, the change of w ``(2G,)``, and what was seen."""
-    even = stepper.count is not None or stepper.steps % 2 == 0
+    even = stepper.count is not None or stepper.capacity % 2 == 0
     end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
     return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
@@ -460,7 +464,7 @@ def watch(stepper: Stepper) -> tuple[Callable[..., Array], Array]:
     ``(2G,)``.
     """
 
-    def keep(largest, k, w, _):
+    def keep(largest: Array, k: int | Array, w: Array, _: Array) -> Array:
         motion = jnp.concatenate(
             [stepper.with_fast_modes(w, 2 * k), jnp.split(w, 2)[1]]
         )
@@ -508,7 +512,7 @@ def march(
     slowly. A slow drift closes every cycle to the drift of one cycle.
     """
 
-    def unfinished(carry):
+    def unfinished(carry: tuple[Array, CycleTrace, jax.Array]) -> Array:
         _, trace, cycles = carry
         return (
             (cycles < max_cycles)
@@ -516,7 +520,9 @@ def march(
             & ~jnp.isnan(trace.periodicity_error)
         )
 
-    def next_cycle(carry):
+    def next_cycle(
+        carry: tuple[Array, CycleTrace, jax.Array],
+    ) -> tuple[Array, CycleTrace, jax.Array]:
         state, _, cycles = carry
         return *cycle(stepper, state), cycles + 1
 

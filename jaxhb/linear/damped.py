@@ -10,6 +10,7 @@ from scipy.linalg import eig
 
 from jaxhb._jax import Array, concrete, namespace, on_host, refuse_tracers, traced
 from jaxhb._shown import brief
+from jaxhb.equations.system import System
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
@@ -207,7 +208,7 @@ def _lehr(eigenvalues: Array) -> Array:
     return -eigenvalues.real / namespace(eigenvalues).abs(eigenvalues)
 
 
-def _eigenpairs(system: chain.System) -> tuple[np.ndarray, np.ndarray, float]:
+def _eigenpairs(system: System) -> tuple[np.ndarray, np.ndarray, float]:
     """Finite eigenvalues ``(n,)`` in 1/s, the velocities v ``(S, n)``, and the largest
     number in 1/s of the equations.
     """

@@ -43,6 +43,7 @@ from jaxhb._jax import (
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
+from jaxhb.equations.system import System
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
@@ -86,15 +87,15 @@ UNBALANCED = 1e-9
 # for
 SAMPLES = 4096
 
-AmplitudeEquations = tuple[DriveTrain, chain.System, Number, Array, Array]
+AmplitudeEquations = tuple[DriveTrain, System, Number, Array, Array]
 """Equations of :func:`settled_amplitudes`: the train, its system without tables, rpm,
 omega ``(H,)`` rad/s, and load ``(S, H)`` N.
 """
 
 
 def varied(
-    train: DriveTrain, system: chain.System, rpm: Number, omega: Array, amplitude: Array
-) -> chain.System:
+    train: DriveTrain, system: System, rpm: Number, omega: Array, amplitude: Array
+) -> System:
     """The ``system`` of a train without its tables, with the stiffness of every link at
     every frequency ``omega`` ``(H,)`` rad/s; ``amplitude`` ``(A,)`` rad of the links
     that depend on it.
@@ -118,9 +119,7 @@ def varied(
     )
 
 
-def twist_amplitude(
-    train: DriveTrain, system: chain.System, deflection: Array
-) -> jax.Array:
+def twist_amplitude(train: DriveTrain, system: System, deflection: Array) -> jax.Array:
     """Amplitudes ``(A,)`` in rad of the links that depend on them, from deflections
     ``(L, H)`` in m.
     """
@@ -443,7 +442,7 @@ def _together(disks: int, harmonics: int, speeds: int) -> int:
 
 
 def _fields(
-    train: DriveTrain, system: chain.System, rigid: Array, harmonics: int, rpm: Number
+    train: DriveTrain, system: System, rigid: Array, harmonics: int, rpm: Number
 ) -> dict[str, Array]:
     """Fields of the response at a speed, by name."""
     topology = train.topology

@@ -16,6 +16,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, Numbers, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
 from jaxhb.elements.sentences import SceneError
+from jaxhb.equations.system import System, Tree
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
@@ -182,7 +183,7 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     return -balance[-1] * system.radius[tree.node[-1]]
 
 
-def _system(train: DriveTrain) -> chain.System:
+def _system(train: DriveTrain) -> System:
     """The System of a train without closed loops; refuses others."""
     system = on_host(chain.assemble(linear_train(train)))
     if len(system.tree.loops):
@@ -195,7 +196,7 @@ def _system(train: DriveTrain) -> chain.System:
     return system
 
 
-def _trees(train: DriveTrain, system: chain.System) -> list[chain.Tree]:
+def _trees(train: DriveTrain, system: System) -> list[Tree]:
     """Eliminations from the free ends, one for each part that links with stiffness
     join, beginning with the part of the first disk: each ends at a ground of its part,
     or at the disk farthest from its first.
@@ -223,9 +224,7 @@ def _trees(train: DriveTrain, system: chain.System) -> list[chain.Tree]:
     return [chain.span_links(ends, disks, root) for root in roots]
 
 
-def _motion(
-    train: DriveTrain, hz: Number
-) -> tuple[chain.Tree, chain.System, Array, Array]:
+def _motion(train: DriveTrain, hz: Number) -> tuple[Tree, System, Array, Array]:
     """Elimination, System, displacements ``(S,)`` m and forces ``(S,)`` N passed on to
     the next disk of the table.
     """
@@ -250,9 +249,7 @@ def _motion(
     return first, system, displacement, force
 
 
-def _scaled(
-    tree: chain.Tree, system: chain.System, omega: Array
-) -> tuple[Array, Array]:
+def _scaled(tree: Tree, system: System, omega: Array) -> tuple[Array, Array]:
     """Displacements ``(S,)`` m and forces ``(S,)`` N of the elimination, every branch
     scaled by the ordinates that the others need where they meet.
     """
@@ -268,7 +265,7 @@ def _scaled(
 
 
 def _forces_left(
-    tree: chain.Tree, system: chain.System, omega: Array, displacement: Array
+    tree: Tree, system: System, omega: Array, displacement: Array
 ) -> tuple[Array, float]:
     """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the
     tree, and the largest of the forces of both.
@@ -281,9 +278,7 @@ def _forces_left(
     return (inertia + system.spread(links))[tree.node], largest
 
 
-def _dense(
-    tree: chain.Tree, system: chain.System, omega: Array
-) -> tuple[np.ndarray, Array]:
+def _dense(tree: Tree, system: System, omega: Array) -> tuple[np.ndarray, Array]:
     """Displacements ``(S,)`` m that leave the least forces in the dense equations, and
     the forces ``(S,)`` N passed on.
     """
@@ -293,7 +288,7 @@ def _dense(
 
 
 def _passed_on(
-    tree: chain.Tree, system: chain.System, omega: Array, displacement: np.ndarray
+    tree: Tree, system: System, omega: Array, displacement: np.ndarray
 ) -> Array:
     """Force ``(S,)`` N on the next disk of every disk and all that it carries: inertia
     forces less those of grounds.
@@ -309,8 +304,8 @@ def _passed_on(
 
 
 def _is_natural(
-    tree: chain.Tree,
-    system: chain.System,
+    tree: Tree,
+    system: System,
     omega: Number,
     displacement: Array,
     force: Array,
@@ -322,8 +317,8 @@ def _is_natural(
 
 
 def _is_mode(
-    tree: chain.Tree,
-    system: chain.System,
+    tree: Tree,
+    system: System,
     displacement: Array,
     force: Array,
     omega: Array,
@@ -334,7 +329,7 @@ def _is_mode(
     return bool(balanced and _is_natural(tree, system, omega, displacement, force))
 
 
-def _unit(tree: chain.Tree, angle: Array, node: Number) -> Array:
+def _unit(tree: Tree, angle: Array, node: Number) -> Array:
     """Angle of the first disk of the scene, or in the first row that moves where that
     disk lies in a node: at most the share ``node`` of the largest angle.
     """
@@ -347,7 +342,7 @@ def _unit(tree: chain.Tree, angle: Array, node: Number) -> Array:
 
 
 def _eliminate(
-    tree: chain.Tree, system: chain.System, omega: Array
+    tree: Tree, system: System, omega: Array
 ) -> tuple[Array, Array, list[Array]]:
     """Balance sum Z x ``(S, ...)`` and ordinate ``(S, ...)`` of each subtree, free ends
     at 1, and the factor by which branches beside it scale it.

@@ -17,6 +17,7 @@ from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal, lapack
 
 from jaxhb._jax import Array, namespace, on_host, refuse_tracers
 from jaxhb._shown import brief
+from jaxhb.equations.system import System, Tree
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.connections import pieces
@@ -114,7 +115,7 @@ class Factor:
         return tree.link[:-1], tree.node
 
 
-def factor(train: DriveTrain) -> tuple[chain.System, Factor]:
+def factor(train: DriveTrain) -> tuple[System, Factor]:
     """The System of a concrete train, meshes in contact, and its :class:`Factor`,
     without links of no stiffness.
     """
@@ -427,7 +428,7 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     )
 
 
-def shares(system: chain.System, omega: Array, displacement: Array) -> ModeShares:
+def shares(system: System, omega: Array, displacement: Array) -> ModeShares:
     """Compute the :class:`ModeShares` of modes with angular frequencies ``(m,)`` and
     displacements ``(S, m)``, which may be traced.
     """
@@ -462,7 +463,7 @@ def all_frequencies(train: DriveTrain) -> Array:
     return singular_values(factor(train)[1]) / (2 * np.pi)
 
 
-def _sign_changes(tree: chain.Tree, shapes: Array) -> np.ndarray:
+def _sign_changes(tree: Tree, shapes: Array) -> np.ndarray:
     """Count the links over which the sign of each shape changes, ``(m,)``; a disk at
     rest goes with a neighbour, so that a node counts once.
     """

@@ -37,6 +37,7 @@ from jaxhb._jax import Array, added, concrete, namespace, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.sentences import SceneError
+from jaxhb.equations.system import System
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
@@ -259,7 +260,7 @@ def _characteristic(train: DriveTrain, p: jax.Array) -> Scaled:
     return _determinant(chain.assemble(train), train.topology, p)
 
 
-def _determinant(system: chain.System, topology: Topology, p: jax.Array) -> Scaled:
+def _determinant(system: System, topology: Topology, p: jax.Array) -> Scaled:
     """D ``(n,)`` of a System at ``p`` ``(n,)``."""
     stiffness, loss, viscous, mass, damping, ground = (
         jnp.asarray(field)[:, None]
@@ -308,7 +309,7 @@ def _determinant(system: chain.System, topology: Topology, p: jax.Array) -> Scal
 
 
 def _of_tree(
-    system: chain.System, C: jax.Array, Z: jax.Array, held: Array, passed: Array
+    system: System, C: jax.Array, Z: jax.Array, held: Array, passed: Array
 ) -> Scaled:
     """Determinant without the closing link, a :func:`doubled` number, of links ``C``
     and disks ``Z``; ``held`` ``(S,)``: which disks are held, ``passed`` ``(S,)``: the

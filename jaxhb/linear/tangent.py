@@ -21,6 +21,7 @@ from jaxhb._jax import Array, Number, added, concrete, namespace, on_host, trace
 from jaxhb._shown import brief
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import backlash
+from jaxhb.equations.system import System
 from jaxhb.train import chain
 from jaxhb.train.changes import in_contact, linearised
 from jaxhb.train.drivetrain import DriveTrain
@@ -253,7 +254,7 @@ class _Equations(NamedTuple):
     ``clearance`` ``(E,)``: whether a law is the play of a shaft.
     """
 
-    system: chain.System
+    system: System
     constant: Array
     law: backlash.Law
     link: Array

@@ -21,6 +21,7 @@ from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import HOST_DISKS
+from jaxhb.equations.system import System
 from jaxhb.integration.batch import motions_in_contact
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
@@ -275,7 +276,7 @@ def _mesh_forces_of_host(
 
 
 @remembered
-def _linear_parts(train: DriveTrain) -> tuple[chain.System, MeshParameters]:
+def _linear_parts(train: DriveTrain) -> tuple[System, MeshParameters]:
     """System and meshes of the linear train, for any speed."""
     train = linearised(train)  # without springs beside shafts, which are no meshes
     return chain.assemble(train), all_meshes(train)

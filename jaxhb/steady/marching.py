@@ -3,7 +3,7 @@ side by side, and records.
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -391,10 +391,10 @@ class Batch:
             output = cycles.of_speed(outputs, 0)
             runs = [cycles.march(stepper, states[0], cycle_count, output)]
         else:
-            program = cycles.march_side_by_side
+            program: Callable[..., cycles.Marched] = cycles.march_side_by_side
             if len(self.devices) > 1:
                 cut = along(0), along(0), WHOLE, cycles.cut(outputs, along(0), WHOLE)
-                program = across(program, self.devices, cut, along(0))
+                program = across(cycles.march_side_by_side, self.devices, cut, along(0))
             together = program(steppers, states, cycle_count, outputs)
             together = jax.tree.map(np.asarray, together)
             runs = [_of(together, i) for i in range(len(marches))]

@@ -23,7 +23,7 @@ from jaxhb.train.varying import without_tables
 
 if TYPE_CHECKING:
     from jaxhb.elements.elements import Mesh
-    from jaxhb.train.chain import System
+    from jaxhb.equations.system import System
     from jaxhb.train.tables import Train, TrainArrays
 
 # Shares of the mean force: at which the stiffness is full, and which the gap carries
