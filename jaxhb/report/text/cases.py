@@ -396,7 +396,7 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
     if train.topology.mesh_names:
         forces = table(
             "Largest tooth force, kN, with and without backlash; share of the time"
-            " apart and on the reverse flank",
+            " separated and on the reverse flank",
             quantities.forces(train),
             COMPARED,
         )

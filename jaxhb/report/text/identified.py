@@ -1,5 +1,5 @@
 """Result of a fit to measurements: tables for people, a record for programs, and the
-scene with fitted numbers.
+scene with fitted parameters.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ def identified_text(fit: Identification) -> str:
     if fit.open:
         remarks.append(
             f"NOT determined by these data: {', '.join(fit.open)}. Measure elsewhere,"
-            " or keep the scene's numbers."
+            " or keep the scene's values."
         )
     pairs = [f"{a} and {b} ({value:+.2f})" for a, b, value in fit.alike()]
     if pairs:
@@ -88,9 +88,9 @@ def _numbers(fit: Identification) -> Table:
         )
     ]
     return Table(
-        "Numbers",
+        "Parameters",
         [
-            "number",
+            "parameter",
             Column("scene", plain_number),
             Column("fitted", plain_number),
             Column("+- (1 deviation)", count),
