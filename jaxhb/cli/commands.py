@@ -96,7 +96,7 @@ def tune(train: DriveTrain, arguments: cli.Tune) -> int:
     steps = 0 if "robust" in table else table.get("steps", 0)
     with Progress(steps, quiet=arguments.quiet) as progress:
         files = _TunedFiles(arguments, train, table["rpm"], progress)
-        progress.say("solving the scene as it is")
+        progress.say("solving the nominal scene")
 
         def compute(folder: Any) -> Tuning:
             return search(
@@ -151,10 +151,10 @@ class _TunedFiles:
         output.make_folders(self.copies.files)
 
     def begin(self, reading: Reading) -> None:
-        """Note the readings of the scene as it is."""
+        """Note the readings of the nominal scene."""
         self.start = reading
         self.progress.say(
-            f"solving the scene as it is: {reading.solved.sum()} of {len(self.rpm)}"
+            f"solving the nominal scene: {reading.solved.sum()} of {len(self.rpm)}"
             " speeds are solved"
         )
 
@@ -175,7 +175,7 @@ class _TunedFiles:
             place = f", and their numbers are in {self.json!r}"
         return (
             f"no design is there yet and no scene is written; {solved} of"
-            f" {len(self.rpm)} speeds of the scene as it is are solved{place}"
+            f" {len(self.rpm)} speeds of the nominal scene are solved{place}"
         )
 
     def note(self, step: Step) -> None:
@@ -279,7 +279,7 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
         )
     if arguments.over and len(rpm) > 1:
         raise output.OutputError(
-            f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}."
+            f"--over: it sweeps one parameter at one speed, and --rpm names {len(rpm)}."
         )
     train = misfire_trains(train, arguments)[""]
     question = Asked.of(arguments)

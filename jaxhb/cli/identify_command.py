@@ -52,7 +52,7 @@ def identify(train: DriveTrain, arguments: cli.Identify) -> int:
     if path:
         _write(arguments, path, fitted)
         if not arguments.quiet:
-            print(f"\nThe scene with the fitted numbers is {path}.")
+            print(f"\nThe scene with the fitted parameters is {path}.")
     return output.ANSWERED
 
 

@@ -115,7 +115,7 @@ def _run(words: Sequence[str]) -> int:
         return 2
     except KeyboardInterrupt as stop:
         notes = getattr(stop, "__notes__", None)
-        tell(f"stopped; {' '.join(notes) if notes else 'nothing more is written'}")
+        tell(f"stopped; {' '.join(notes) if notes else 'no further files are written'}")
         return stop.status if isinstance(stop, Ended) else INTERRUPTED
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
@@ -136,7 +136,7 @@ def _run(words: Sequence[str]) -> int:
             return 2
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
             tell(
-                "there is not enough memory for what was asked. Ask for less at a time,"
+                "there is not enough memory for this request. Request less at a time,"
                 " or allow more memory."
             )
             return 3

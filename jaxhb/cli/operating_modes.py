@@ -72,7 +72,7 @@ def each(
         name: path for name, path in arguments.files.items() if not FORMATS[name].merge
     }
     for name, path in apart.items():
-        if path == output.STANDARD_OUTPUT and FORMATS[name].streamed:
+        if path == output.STANDARD_OUTPUT:
             raise output.OutputError(
                 f"--{name}: each scenario has a file of its own. Give a name."
             )

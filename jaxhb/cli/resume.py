@@ -87,8 +87,8 @@ class Unfinished:
     def left(self) -> str:
         """A sentence on what a command leaves that writes its files at the end."""
         if self.folder is None:
-            return "nothing more is written"
-        return f"no file is written, but what was found is kept; {GOES_ON}"
+            return "no further files are written"
+        return f"no file is written, but intermediate results are kept; {GOES_ON}"
 
     def forget(self) -> None:
         """Remove it: the command is done; one of several is removed when all are."""

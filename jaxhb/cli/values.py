@@ -64,7 +64,8 @@ def setting(text: str) -> tuple[str, float | str]:
     is_word = word.isidentifier() and word.lower() not in ("nan", "inf", "infinity")
     if math.isnan(value) and not is_word:
         raise ValueError(
-            f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4"
+            f"{text!r}: {word} is not a number; values are numbers in SI units,"
+            " such as 3.6e4"
         )
     return key.strip(), word if math.isnan(value) else value
 

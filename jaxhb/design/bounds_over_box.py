@@ -117,7 +117,7 @@ def bounds_over_box(
     numbers, fault = _numbers(train, box)
     for i, speed in enumerate(rpm):
         if fault or not np.isfinite(largest[i]).all():
-            why[i] = fault or "the scene as it is was not solved"
+            why[i] = fault or "the nominal scene was not solved"
             continue
         at_speed = _Speed(train, float(speed), box, numbers, harmonics)
         parting = at_speed.parting()

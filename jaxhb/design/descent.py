@@ -239,7 +239,7 @@ class Descent:
                 self._renew(finer)
             if ended:
                 return f"stopped after {steps} steps, which is all that was allowed"
-        return "stopped where nothing more is won"
+        return "stopped: no further improvement"
 
     def _descend(self, number: int, steps: int) -> tuple[bool, int]:
         """Take steps at one width: (whether the steps are used up, their number)."""

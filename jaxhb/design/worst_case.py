@@ -177,7 +177,7 @@ class Spread:
                 self.nominal,
                 {
                     "long_name": (
-                        "response of the scene as it is, in the unit of the quantity"
+                        "response of the nominal scene, in the unit of the quantity"
                     )
                 },
             ),
@@ -534,7 +534,7 @@ class _Search:
         """Solve the train as it is at all speeds, with harmonics enough: a Point of n
         lanes, nominal values and slopes.
         """
-        self.say("solving the scene as it is")
+        self.say("solving the nominal scene")
         self.nominal, self.point, self.slopes = self._part(self._started)
         # The number that moves a response most; nan counts as such.
         self.main = np.argmax(np.abs(self.slopes), axis=2)

@@ -354,7 +354,7 @@ def check_spread(
     """
     train = spread.train
     solved = np.isfinite(spread.nominal)
-    say("what does the train do as it is?")
+    say("what does the nominal train do?")
     kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
     worst: list = []
     differences = []

@@ -58,6 +58,6 @@ def table_of_links(caption: str, motion: Motion) -> str:
         "half peak-to-peak",
         "peak",
         "unit",
-        "apart %",
+        "separated %",
     ]
     return html_table(caption, head, rows)

@@ -223,9 +223,9 @@ class RecordedSignal(Summarized, OverCycles):
 
 @dataclass(frozen=True)
 class SteadyContact:
-    """Contact of one mesh over a steady motion: shares of the time with the teeth apart
-    and on the flank that does not drive; entries from separation to contact in a cycle;
-    largest approach speed of an entry, m/s; sign of the mean force.
+    """Contact of one mesh over a steady motion: shares of the time with the teeth
+    separated and on the flank that does not drive; entries from separation to
+    contact in a cycle; largest approach speed of an entry, m/s; sign of the mean force.
     """
 
     separated_fraction: float

@@ -332,7 +332,8 @@ def _read_rows(
         text = read_text(path)
     except Missing:
         raise SceneError(
-            f"there is no file {shown(name)} beside the scene. Correct the name."
+            f"there is no file {shown(name)} in the folder of the scene. Correct"
+            " the name."
         ) from None
     except Unreadable as error:
         raise SceneError(f"{shown(name)}: {error}") from None

@@ -343,8 +343,9 @@ def copies_beside(
         elif not (target.is_file() and read_bytes(target) == content):
             raise SceneError(
                 f"{str(target)!r} is another file than {name!r} of the scene, which"
-                f" must lie beside the {'tuned' if option == '--output' else 'written'}"
-                f" one: give {option} in another folder."
+                " must lie in the folder of the"
+                f" {'tuned' if option == '--output' else 'written'} one: give"
+                f" {option} in another folder."
             )
     return Copies(files, names)
 

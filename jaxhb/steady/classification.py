@@ -613,7 +613,7 @@ class _Classification:
                 " longer"
             )
             notes.append(
-                f"a vibration that teeth notice {slow}, and the record began after"
+                f"a vibration that affects the teeth {slow}, and the record began after"
                 f" {before}: the loads may still change ({longer})"
             )
         motion = self.batch.motion(march)

@@ -172,9 +172,10 @@ def steady_state(
     balance does not confirm what it shows, or disturbances of the solution grow, or the
     march does not become periodic, it goes on with twice and four times as many: beside
     a bifurcation the kind of motion is that of the steps. A transient that outlasts the
-    march counts as irregular; where a mode that teeth notice had not decayed when the
-    record began, a note says so. In a sweep all speeds first start from teeth on their
-    drive sides, and those whose neighbour has another motion then from that one, too.
+    march counts as irregular; where a mode that affects the teeth had not decayed when
+    the record began, a note says so. In a sweep all speeds first start from teeth on
+    their drive sides, and those whose neighbour has another motion then from that one,
+    too.
     Motions of neighbours that never differ by more than a tenth of the largest
     deflection count as one.
 

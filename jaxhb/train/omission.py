@@ -221,7 +221,7 @@ def _topology(
 COMPRESSING = "no injection, compression stays"
 CUT_OFF = "cut off, no gas torque at all"
 NO_COMPRESSION = (
-    "no gas torque at all, as compression cannot be told from a given gas_torque"
+    "no gas torque at all, as compression is unknown for a given gas_torque"
 )
 NOTHING = "no gas torque, the scene gives none"
 """Words for what is computed of a cylinder that does not fire."""

@@ -97,7 +97,7 @@ def test_the_kind_and_the_numbers_are_those_of_the_motion(
     swing = float(state.disk("gear b").half_peak_to_peak)
     assert record["disks"]["gear b"]["half_peak_to_peak"] == swing
     share = f"{100 * contact.separated_fraction:.0f} % of the time"
-    assert f"at 6000 rpm: gear a|gear b is apart {share}" in completed.out
+    assert f"at 6000 rpm: gear a|gear b is separated {share}" in completed.out
 
 
 @pytest.mark.slow

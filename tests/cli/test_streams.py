@@ -162,7 +162,7 @@ def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
 
     monkeypatch.setattr(commands, "solve", fails)
     assert main(["solve", "spur_pair", "--rpm", "2000"]) == 3
-    sentence = "there is not enough memory for what was asked."
+    sentence = "there is not enough memory for this request."
     assert capsys.readouterr().err.startswith(sentence)
 
 

@@ -100,7 +100,7 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, better, tu
         "pulley.inertia",
         "0.005 to 0.05",
         "at least -0.006",
-        "Both designs",
+        "steady states of both designs",
     ):
         assert words in completed.out
     # A linear train does what was tuned.

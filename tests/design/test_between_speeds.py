@@ -332,7 +332,7 @@ def test_speeds_between_without_a_solution_are_told(tuned):
     partly_solved = dataclasses.replace(tuned, checked=tuned.checked | {"after": lost})
     text = tuned_parts(TRAIN, settings, partly_solved)
     sentence = (
-        "NOT solved between the speeds, and left out of what is told of them:"
+        "NOT solved between the speeds, and left out of these results:"
         f" {after.rpm[between]:.5g} rpm."
     )
     assert sentence in text

@@ -228,7 +228,7 @@ def test_what_is_computed_without_firing_is_said():
     assert train.misfire("table", "model", "given").not_firing() == [
         "table, model: no injection, compression stays",
         (
-            "given: no gas torque at all, as compression cannot be told from a given"
+            "given: no gas torque at all, as compression is unknown for a given"
             " gas_torque"
         ),
         "none: no gas torque, the scene gives none",

@@ -299,18 +299,20 @@ def test_the_verdict_names_the_hardest_impact_where_it_is_at_another_mesh(report
         state=answer.state,
     )
     assert verdict(both).endswith(
-        " a cycle, the hardest at 0.10 m/s; the hardest of all at 0.70 m/s in other."
+        " a cycle, the hardest at 0.10 m/s; hardest impact of all meshes: 0.70"
+        " m/s in other."
     )
     contacts["Kurbel|Räder"] = dataclasses.replace(
         longest, impacts_per_cycle=0, hardest_impact=0.0
     )
     assert verdict(both).endswith(
-        "50 % of the time, without an impact; the hardest of all at 0.70 m/s in other."
+        "50 % of the time, without an impact; hardest impact of all meshes: 0.70"
+        " m/s in other."
     )
     contacts["Kurbel|Räder"] = dataclasses.replace(longest, hardest_impact=0.0012)
     contacts["other"] = dataclasses.replace(elsewhere, hardest_impact=0.001)
     assert verdict(both).startswith(
-        "The teeth part and touch again softly at 4000 rpm: "
+        "The teeth separate and make contact again softly at 4000 rpm: "
     )
     assert verdict(both).endswith(" a cycle, the hardest at 0.0012 m/s.")
 

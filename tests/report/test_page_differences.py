@@ -44,6 +44,6 @@ def test_nothing_differs_only_where_everything_is_equal(tmp_path):
         tmp_path, SCENE + first + second, SCENE + second + first
     )
     assert sentence.startswith(
-        "Same numbers, tables and words of the elements, in another order or with other"
+        "Same parameters, tables and words of the elements, in another order or with other"
         " cylinder "
     )

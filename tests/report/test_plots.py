@@ -65,7 +65,7 @@ def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["with backlash", "without backlash"]
     title = legend.get_title().get_text().replace("\n", " ")
-    assert title.endswith("grey: its teeth are apart")
+    assert title.endswith("grey: its teeth are separated")
 
 
 def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):

@@ -60,7 +60,7 @@ def test_speeds_that_a_tuning_could_not_solve_are_named():
     after = SimpleNamespace(solved=np.array([True] * 3))
     (sentence,) = _not_solved(rpm, SimpleNamespace(before=before, after=after))
     assert sentence.startswith(
-        "NOT solved, and left out of what was made small: 1857.5, 2000 rpm before. "
+        "NOT solved, and left out of the objectives: 1857.5, 2000 rpm before. "
     )
     assert sentence.endswith(
         " Before and after are compared at the 1 speed solved in both."

@@ -80,7 +80,7 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
         for note in soft_notes
     )
     assert any(
-        "stiff only above" in note and "smaller transition" in note
+        "full stiffness only above" in note and "smaller transition" in note
         for note in soft_notes
     )
     # The mean is the same at all speeds.

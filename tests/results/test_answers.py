@@ -182,7 +182,7 @@ def test_tolerances_judge_the_speeds_with_an_answer(train):
     assert np.isfinite(judged.worst[answered]).all()
     assert np.isnan(judged.nominal[~answered]).all()
     assert np.isnan(judged.worst[~answered]).all()
-    assert judged.no_bound[1, 0] == "the scene as it is was not solved"
+    assert judged.no_bound[1, 0] == "the nominal scene was not solved"
 
 
 def test_quantities_are_not_chosen_where_no_speed_has_an_answer(train):

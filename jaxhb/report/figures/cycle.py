@@ -198,7 +198,7 @@ def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
     )
     remark = " over the period"
     remark += ", without backlash alone" if compared and not answer.known else ""
-    remark += "; grey: its teeth are apart" if shaded else ""
+    remark += "; grey: its teeth are separated" if shaded else ""
     return remark, f"angle of the reference rotor, deg{zero}", end, traces, shaded
 
 

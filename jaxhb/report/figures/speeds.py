@@ -80,7 +80,7 @@ def plot_sweep(sweeps: Mapping[str, list[Answer]]) -> Picture:
         caption = "Largest tooth force, and the kind of motion"
         figures = [
             over_speed(forces(train), meshes, cases, caption),
-            over_speed(separation(train), meshes, cases, "Time out of contact"),
+            over_speed(separation(train), meshes, cases, "Separated time"),
         ]
     else:
         torque = shaft_torques(train)
@@ -240,7 +240,7 @@ def _spread(
 
 
 def plot_tolerance(spread: Spread) -> Picture:
-    """Draw every quantity over the speed: as the scene is, worst case found and bound,
+    """Draw every quantity over the speed: nominal, worst case found and bound,
     5 to 95 % of a sample.
     """
     title = f"{train_name(spread.train.topology)}: what the tolerances do"
@@ -254,7 +254,7 @@ def tolerance_figures(spread: Spread) -> list[Figure]:
     for j, (objective, name) in enumerate(zip(spread.of, spread.labels, strict=True)):
         factor, unit = scaled_unit(objective.quantity)
         traces = [
-            line(rpm, factor * spread.nominal[:, j], "as the scene is", 1),
+            line(rpm, factor * spread.nominal[:, j], "nominal", 1),
             line(rpm, factor * spread.worst[:, j], "worst case found", 0),
         ]
         if np.isfinite(spread.bound[:, j]).any():

@@ -44,8 +44,12 @@ def check_output(
     """Refuse a path that cannot be written, or is one of ``inputs``, before the work is
     done; ``streamed`` : whether it may be standard output.
     """
-    if name == STANDARD_OUTPUT and streamed:
-        return
+    if name == STANDARD_OUTPUT:
+        if streamed:
+            return
+        raise OutputError(
+            f"{option}: it is not written to standard output. Give the name of a file."
+        )
     path = Path(name).resolve()
     if not path.parent.is_dir():
         raise OutputError(

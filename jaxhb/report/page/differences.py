@@ -19,7 +19,7 @@ WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}
 BESIDE = ("name", "scenarios", "tune", "tolerance")
 
 Row = tuple[str, str, str, str]
-"""Number of the scene, its value in both designs, and its unit."""
+"""Parameter of the scene, its value in both designs, and its unit."""
 
 
 def value_text(value: float | bool | str | None, digits: int) -> str:
@@ -56,17 +56,18 @@ def differences(
             if values[0] != values[1]:
                 rows.append(_row(name, key, field, values))
     if rows:
-        heads = ["number of the scene", "first design", "second", "unit"]
+        heads = ["parameter of the scene", "first design", "second", "unit"]
         return [table("What differs between the designs", rows, heads)]
     others = _fixed(second)
     unlike = [name for name, value in _fixed(first).items() if value != others[name]]
     if unlike:
         return [
-            "Same numbers, tables and words of the elements, in another order or with"
-            f" other {', '.join(unlike)}."
+            "Same parameters, tables and words of the elements, in another order or"
+            f" with other {', '.join(unlike)}."
         ]
     return [
-        "Nothing differs between the designs: no number, no table, no word, no element."
+        "Nothing differs between the designs: no parameter, no table, no word, no"
+        " element."
     ]
 
 

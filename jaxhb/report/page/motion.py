@@ -69,13 +69,13 @@ def _misfires(report: Report) -> Table:
 
 
 def forces_over_speed(report: Report) -> list[Block]:
-    """Show tooth forces and how long teeth are apart."""
+    """Show tooth forces and how long teeth are separated."""
     blocks = swings(quantities.forces(report.train), report.shown)
     apart = quantities.separation(report.train)
     if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
             alone = [dataclasses.replace(case, title="")]
-            caption = f"Time out of contact, {case.title}"
+            caption = f"Separated time, {case.title}"
             blocks.append(over_speed(apart, apart.names, alone, caption))
     return blocks
 
@@ -109,7 +109,7 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
         largest = Column("with" if backlash else quantity.unit, case.title)
         of_case = [largest, Column("at rpm")]
         of_case += [Column("without", case.title), Column("ratio", ratio)] * backlash
-        of_case += [Column("apart %", percent), Column("hit m/s", hit)] * contact
+        of_case += [Column("separated %", percent), Column("impact m/s", hit)] * contact
         columns += [dataclasses.replace(each, group=case.title) for each in of_case]
     rows = [
         [

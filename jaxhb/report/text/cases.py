@@ -323,9 +323,9 @@ def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
 COMPARED = (
     _of("with", "tooth_force_peak"),
     _of("without", f"tooth_force_peak{WITHOUT}"),
-    _of("apart %", "separated_fraction", percent),
+    _of("separated %", "separated_fraction", percent),
     _of("reverse %", "reverse_contact_fraction", percent),
-    _of("hit m/s", "hardest_impact", hit),
+    _of("impact m/s", "hardest_impact", hit),
 )
 """Columns of each of several cases that stand side by side."""
 
@@ -336,7 +336,7 @@ def cases_text(cases: Sequence[Case]) -> str:
     """
     parts = [
         f"With {case.title}\n"
-        + "\n".join(f"  {verdict(answer)}" for answer in case.answers)
+        + "\n".join(dict.fromkeys(f"  {verdict(answer)}" for answer in case.answers))
         for case in cases
     ]
     parts += firing_lines(*(case.answers[0].train for case in cases))
@@ -396,7 +396,7 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
     if train.topology.mesh_names:
         forces = table(
             "Largest tooth force, kN, with and without backlash; share of the time"
-            " apart and on the reverse flank",
+            " separated and on the reverse flank",
             quantities.forces(train),
             COMPARED,
         )

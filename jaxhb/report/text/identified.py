@@ -1,5 +1,5 @@
 """Result of a fit to measurements: tables for people, a record for programs, and the
-scene with fitted numbers.
+scene with fitted parameters.
 """
 
 from collections.abc import Mapping
@@ -35,18 +35,18 @@ def identified_text(fit: Identification) -> str:
     if fit.open:
         remarks.append(
             f"NOT determined by these data: {', '.join(fit.open)}. Measure elsewhere,"
-            " or keep the scene's numbers."
+            " or keep the scene's values."
         )
     pairs = [f"{a} and {b} ({value:+.2f})" for a, b, value in fit.alike()]
     if pairs:
-        remarks.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
+        remarks.append(f"Hardly distinguishable (correlation): {'; '.join(pairs)}.")
     remarks += [f"Left out: {sentence}" for sentence in fit.left_out]
     computed = {"scene off, %": fit.before_computed, "fitted off, %": fit.computed}
     return "\n\n".join(
         [
             f"{fit.train.topology.title}: {len(measured.rpm)} measured amplitudes at"
             f" {speeds} speeds, {int(np.isfinite(measured.phase).sum())} with a phase;"
-            f" {len(fit.parameters)} numbers fitted.\n{explained}",
+            f" {len(fit.parameters)} parameters fitted.\n{explained}",
             _numbers(fit),
             *remarks_text(remarks, ""),
             _residuals(fit, computed, order_names(fit.train)),
@@ -63,7 +63,7 @@ def goodness(fit: Identification | WeakCylinder) -> str:
     )
     return (
         f"{amplitudes} explained to {100 * max(fit.explained, 0.0):.4g} %; residuals"
-        f" are {fit.misfit:.2f} times the noise that was taken (reduced chi-square"
+        f" are {fit.misfit:.2f} times the assumed noise (reduced chi-square"
         f" {fit.misfit**2:.3g})."
     )
 
@@ -88,9 +88,9 @@ def _numbers(fit: Identification) -> Table:
         )
     ]
     return Table(
-        "Numbers",
+        "Parameters",
         [
-            "number",
+            "parameter",
             Column("scene", plain_number),
             Column("fitted", plain_number),
             Column("+- (1 deviation)", count),
@@ -223,7 +223,7 @@ def weak_text(fit: WeakCylinder, names: OrderNames = NUMBERS) -> str:
     share = f"{100 * fit.gas_factor[0]:.0f} % of what the others do"
     if not fit.explains:
         verdict = (
-            "No verdict: no cylinder that alone differs explains the measurements, as"
+            "No verdict: no single cylinder explains the measurements, as"
             f" even the best fit leaves residuals {fit.misfit:.3g} times the noise"
             f" (at most {MOST_MISFIT:g}). Something else is not as in the scene: fit"
             " its stiffnesses and inertias first (--fit), or say how noisy the data"
@@ -236,14 +236,15 @@ def weak_text(fit: WeakCylinder, names: OrderNames = NUMBERS) -> str:
         )
     elif len(fit.likely) > 1:
         verdict = (
-            f"These are not told apart by the measurements: {', '.join(fit.likely)}."
+            "These are not distinguishable by the measurements:"
+            f" {', '.join(fit.likely)}."
         )
     elif first in fit.at_bound and fit.gas_factor[0] > 1:
-        verdict = f"{first} burns at least {share}, the most that is looked for."
+        verdict = f"{first} burns at least {share}, the upper limit of the search."
     else:
         verdict = f"{first} burns {share}."
     remarks = remarks_text([f"Left out: {sentence}" for sentence in fit.left_out], "")
-    residuals = _residuals(fit, {f"off with {first}, %": fit.computed}, names)
+    residuals = _residuals(fit, {f"residual with {first}, %": fit.computed}, names)
     return "\n\n".join([f"{verdict}\n{goodness(fit)}", table, *remarks, residuals])
 
 

@@ -80,7 +80,10 @@ def modes_text(
             "nodes",
             "damping ratio",
             *["in teeth %"] * bool(teeth),
-            Column("largest angles, on own shafts, the largest 1", left=True),
+            Column(
+                "largest angles (each on its own shaft, scaled to a maximum of 1)",
+                left=True,
+            ),
         ],
         rows,
     )
@@ -258,7 +261,7 @@ def _crossing(
     name = train.topology.link_names[link]
     return [
         f"{name}: its vibration leaves this stage {where} ({swing}): only jaxhb solve"
-        " tells what it does there."
+        " shows what it does there."
     ]
 
 

@@ -138,8 +138,8 @@ def torque_notes(responses: Sequence[Response]) -> list[str]:
         torque = _noted(responses, drives)
         if torque:
             sentences.append(
-                f"[[load]] {name!r}: it drives the train with {torque}, usual below 0,"
-                " as a load takes power: do the other torques drive? A pressure table"
-                " that is read from another firing top dead centre brakes."
+                f"[[load]] {name!r}: it drives the train with {torque}, usually below"
+                " 0, as a load takes power: do the other torques drive? A pressure"
+                " table that is read from another firing top dead centre brakes."
             )
     return sentences

@@ -275,9 +275,7 @@ def check_text(
     places = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
     means = [Column(place, "mean") for place in places]
     verdict = (
-        f"{len(notes)} note{'s' * (len(notes) != 1)} below"
-        if notes
-        else "nothing to note"
+        f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "no notes"
     )
     head = f"{topology.title}: {_counts(topology)}; {verdict}."
     parts = ["\n".join([head, *firing_lines(train)])]

@@ -136,8 +136,8 @@ def status_lines(answer: Answer) -> list[str]:
 
 
 def verdict(answer: Answer) -> str:
-    """The answer in one sentence: do the teeth hammer, which mesh is apart longest,
-    which has the hardest impact?
+    """The answer in one sentence: do the teeth hammer, which mesh is separated
+    longest, which has the hardest impact?
     """
     topology = answer.topology
     speed = answer.at
@@ -169,7 +169,7 @@ def _hammering(answer: Answer, speed: str) -> str:
         return f"All teeth stay in contact at {speed}."
     contact = contacts[name]
     hardest = max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
-    apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
+    apart = f"{name} is separated {_percent(contact.separated_fraction)} of the time, "
     elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
     count = contact.impacts_per_cycle
     if not count and not elsewhere:
@@ -182,11 +182,14 @@ def _hammering(answer: Answer, speed: str) -> str:
     )
     if elsewhere:
         impacts += (
-            f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in"
-            f" {hardest}"
+            "; hardest impact of all meshes:"
+            f" {hit(contacts[hardest].hardest_impact)} m/s in {hardest}"
         )
     if contacts[hardest].hardest_impact < SOFT:
-        return f"The teeth part and touch again softly at {speed}: {apart}{impacts}."
+        return (
+            f"The teeth separate and make contact again softly at {speed}:"
+            f" {apart}{impacts}."
+        )
     manners = {
         "irregular": " irregularly",
         "subharmonic": f" with a period of {answer.state.period} cycles",
@@ -331,7 +334,7 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
                 "lower epsilon",
             ),
             (
-                "the teeth are stiff only above",
+                "the teeth reach full stiffness only above",
                 law.knee_force,
                 KNEE_SHARE,
                 "a smaller transition makes contact sharper",
@@ -353,8 +356,9 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
             )
     if pulling_meshes:
         sentences.append(
-            'Damping law "always" transmits force while the teeth are apart ("contact"'
-            f" does not): up to {', '.join(pulling_meshes)}."
+            'Damping law "always" transmits force while the teeth are separated'
+            ' ("contact" does not): up to'
+            f" {', '.join(pulling_meshes)}."
         )
     return sentences
 

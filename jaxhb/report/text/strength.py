@@ -297,7 +297,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
         speeds = rpm[within & np.isfinite(first.stress)]
         highest = share * rated
         few = (
-            f": resonances between them are NOT seen, take {ENOUGH} or more"
+            f": resonances between them are NOT detected; use {ENOUGH} or more"
             if len(speeds) < ENOUGH
             else ""
         )

@@ -134,9 +134,9 @@ MESHES = (
     Column("largest tooth force", str, lambda answer: answer.worst_mesh or NONE),
     _number("with kN", "kN", lambda answer: _peak(answer, answer)),
     Column("without kN", "kN", lambda answer: _peak(answer.without_backlash, answer)),
-    Column("longest apart", str, lambda answer: most_apart(answer) or NONE),
-    _number("apart %", percent, _most_of_contacts("separated_fraction")),
-    _number("hardest of all m/s", hit, _most_of_contacts("hardest_impact")),
+    Column("longest separated", str, lambda answer: most_apart(answer) or NONE),
+    _number("separated %", percent, _most_of_contacts("separated_fraction")),
+    _number("hardest impact m/s", hit, _most_of_contacts("hardest_impact")),
 )
 MOTION = (
     Column(

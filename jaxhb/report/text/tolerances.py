@@ -119,7 +119,7 @@ def _largest(spread: Spread, j: int) -> int:
 
 
 def _worst_table(spread: Spread) -> Table:
-    """Each quantity at its worst speed, as the scene is and within the tolerances."""
+    """Each quantity at its worst speed, nominal and within the tolerances."""
     rows = []
     for j in _answered_quantities(spread):
         objective = spread.of[j]
@@ -143,7 +143,7 @@ def _worst_table(spread: Spread) -> Table:
         " order)",
         [
             "quantity, worst over the speeds",
-            "as it is",
+            "nominal",
             "at rpm",
             "worst case",
             "at rpm",
@@ -161,7 +161,7 @@ def _over_speeds(spread: Spread, j: int, checked: Mapping[str, Any] | None) -> T
     bound = factor * spread.bound[:, j]
     columns = [
         Column("rpm", "{:g}".format, spread.rpm.__getitem__),
-        Column("as it is", 1, nominal.__getitem__),
+        Column("nominal", 1, nominal.__getitem__),
         Column("worst case", 1, worst.__getitem__),
         *[Column("at most", 1, bound.__getitem__)] * bool(np.isfinite(bound).any()),
         Column(
@@ -209,9 +209,9 @@ def _moving(spread: Spread) -> Table:
         else "by its derivative"
     )
     return Table(
-        "What moves them: change of the response over half the range of a number,"
+        "Sensitivities: change of the response over half the range of a parameter,"
         f" {method}, %",
-        ["quantity", "at rpm", Column("number", left=True), "%"],
+        ["quantity", "at rpm", Column("parameter", left=True), "%"],
         rows,
     )
 
@@ -221,8 +221,8 @@ def _places(spread: Spread) -> Table:
     train = spread.train
     places = {j: _largest(spread, j) for j in _answered_quantities(spread)}
     columns = [
-        Column("number", read=lambda each: each.name),
-        Column("as it is", plain_number, lambda each: float(train.value(each.name))),
+        Column("parameter", read=lambda each: each.name),
+        Column("nominal", plain_number, lambda each: float(train.value(each.name))),
     ]
     for number, (j, i) in enumerate(places.items(), 1):
         values = {
@@ -237,7 +237,7 @@ def _places(spread: Spread) -> Table:
     quantities = "; ".join(
         f"{number} {label(spread.of[j])}" for number, j in enumerate(places, 1)
     )
-    title = f"Numbers in the worst case of {quantities}"
+    title = f"Parameters in the worst case of {quantities}"
     return Table(title, columns, spread.tolerances)
 
 

@@ -123,7 +123,7 @@ def progress_record(
 
 
 def start_record(train: DriveTrain, rpm: Numbers, reading: Reading) -> dict[str, Any]:
-    """The record before the first step: of the scene as it is the parameters, and
+    """The record before the first step: of the nominal scene the parameters, and
     readings over the speeds.
     """
     start = {
@@ -165,7 +165,7 @@ def tuned_parts(
                 new, new_rpm = result.checked["after"].worst(name)
             change = f", {100 * (new / old - 1):+.0f} %" if old else ""
             changes.append(
-                f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)}"
+                f"Largest {name}: {shown_value(chosen, old)}"
                 f" at {old_rpm:.5g} rpm before, {shown_value(chosen, new)} at"
                 f" {new_rpm:.5g} rpm after{change}."
             )
@@ -266,7 +266,7 @@ def _peaks_between(
         speeds = ", ".join(f"{speed:.5g}" for speed in lost[:MANY])
         more = ", ..." if len(lost) > MANY else ""
         sentences.append(
-            "NOT solved between the speeds, and left out of what is told of them:"
+            "NOT solved between the speeds, and left out of these results:"
             f" {speeds}{more} rpm."
         )
     return sentences
@@ -286,7 +286,7 @@ def _between_table(settings: Mapping[str, Any], result: Tuning) -> Table:
 
     speeds = len(result.checked["after"].rpm)
     return Table(
-        f"The same between the speeds, too ({speeds} speeds of the last design)",
+        f"Check between the speeds ({speeds} speeds of the last design)",
         _HEADS,
         [
             [
@@ -356,7 +356,7 @@ def _not_solved(rpm: np.ndarray, result: Tuning) -> list[str]:
         else "do not compare"
     )
     return [
-        f"NOT solved, and left out of what was made small: {'; '.join(lost)}. jaxhb"
+        f"NOT solved, and left out of the objectives: {'; '.join(lost)}. jaxhb"
         f" sweep shows what happens there. Before and after {compared}."
     ]
 
@@ -506,6 +506,6 @@ def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
     ]
     head = "Steady states that are not the periodic motions tuned"
     return "".join(remarks_text(differences, head)) or (
-        "Both designs do at all speeds what was tuned: their steady states are the"
-        " periodic motions tuned."
+        "At all speeds the steady states of both designs are the tuned periodic"
+        " motions."
     )

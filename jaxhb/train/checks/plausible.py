@@ -394,7 +394,7 @@ def _drives(train: DriveTrain) -> Iterator[Note]:
     ):
         if mean > 0:
             question = "what takes power has a negative mean"
-            text = f"it drives with a mean of {mean:.4g} N m, usual below 0 beside"
+            text = f"it drives with a mean of {mean:.4g} N m, usually below 0 with"
             yield "torque", name, f"{text} cylinders: {question}"
 
 
@@ -526,7 +526,7 @@ def _shafts(train: DriveTrain) -> Iterator[Note]:
         for i in members if least < in_line < most else members[single]:
             text = (
                 f"stiffness is {shafts.stiffness[i]:.4g} N m/rad, usual up to"
-                f" {least:.2g} N m/rad beside these inertias"
+                f" {least:.2g} N m/rad for these inertias"
             )
             yield (
                 "shaft",

@@ -141,7 +141,7 @@ def test_two_engines_of_a_train_may_fire_together():
 
 def test_a_pump_that_drives_is_noted(scene):
     sentence = (
-        "it drives with a mean of 20 N m, usual below 0 beside cylinders: what takes"
+        "it drives with a mean of 20 N m, usually below 0 with cylinders: what takes"
         " power has a negative mean"
     )
     assert scene(("mean = -20.0", "mean = 20.0")) == [
