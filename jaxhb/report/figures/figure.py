@@ -210,12 +210,12 @@ def _in_readable_unit(
     of 12000 N m, and tiny ones in a smaller unit.
     """
     name, comma, unit = axis.title.rpartition(", ")
-    own = numbered("y", panel)
+    axis_name = numbered("y", panel)
     largest = max(
         (
             abs(y)
             for trace in traces
-            if trace["yaxis"] == own
+            if trace["yaxis"] == axis_name
             for y in trace["y"]
             if y is not None
         ),
@@ -228,7 +228,9 @@ def _in_readable_unit(
     if limits:
         limits = (factor * limits[0], factor * limits[1])
     scaled = [
-        trace | {"y": _scaled(trace["y"], factor)} if trace["yaxis"] == own else trace
+        trace | {"y": _scaled(trace["y"], factor)}
+        if trace["yaxis"] == axis_name
+        else trace
         for trace in traces
     ]
     return replace(axis, title=f"{name}, {readable}", limits=limits), scaled

@@ -12,7 +12,7 @@ import numpy as np
 from jaxhb._jax import Number
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
-from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, Axis
+from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, SweepAxis
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
@@ -207,7 +207,7 @@ def speeds_text(answers: Sequence[Answer]) -> str:
     return _places([answer.place for answer in answers], answers[0].axis)
 
 
-def _places(places: Iterable[float], axis: Axis) -> str:
+def _places(places: Iterable[float], axis: SweepAxis) -> str:
     """Places on an axis in words, the first of many."""
     numbers = [f"{place:g}" for place in sorted(set(places))]
     rest = len(numbers) - SHOWN_SPEEDS
@@ -359,7 +359,9 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
     return sentences
 
 
-def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> list[str]:
+def once_alike(
+    notes_of: Iterable[tuple[float, str]], axis: SweepAxis = SPEED
+) -> list[str]:
     """Notes (place on the axis, text), once for those that differ in values alone, as
     it stands at the lowest place.
     """
@@ -368,8 +370,8 @@ def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> lis
         pattern = _VALUE.sub(lambda value: value["name"] or "#", note)
         alike.setdefault(pattern, []).append((place, note))
     sentences = []
-    for (place, note), *others in alike.values():
-        elsewhere = {other for other, _ in others} - {place}
+    for (place, note), *rest in alike.values():
+        elsewhere = {other for other, _ in rest} - {place}
         also = f" (alike at {_places(elsewhere, axis)})" if elsewhere else ""
         sentences.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
     return sentences

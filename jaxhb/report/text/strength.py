@@ -230,11 +230,11 @@ def _table(strength: Strength, kind: str) -> Table:
 
     for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
-        first, *others = (number(getattr(row, field), place) for field in limited.heads)
+        first, *rest = (number(getattr(row, field), place) for field in limited.heads)
         if place is not None and strength.unconfirmed is not None:
             first = Doubtful(first) if strength.unconfirmed[place] else first
         at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
-        cells = [name, first, *at_rpm, *others, (first, others[0])]
+        cells = [name, first, *at_rpm, *rest, (first, rest[0])]
         if kind == "tooth_torques":
             cells.append(_where(np.asarray(rpm), row.reverses))
         rows.append(cells)
@@ -323,7 +323,9 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" no limit: NOT judged{largest_there}."
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
-        speed = f"{RULES[rule].asked:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
+        speed = (
+            f"{RULES[rule].required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
+        )
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
             if reach.known_to_rpm
