@@ -35,7 +35,13 @@ from jaxhb.equations import backlash
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.projected_modes import projected_modes
 from jaxhb.equations.reduced_model import ReducedOrderModel
-from jaxhb.equations.state_space import LIGHT, Modes, march_modes, paired, partition
+from jaxhb.equations.state_space import (
+    LIGHT,
+    ComplexModes,
+    march_modes,
+    paired,
+    partition,
+)
 from jaxhb.equations.system import System
 
 # Number of disks up to which all modes are computed; those of a projection for larger
@@ -120,7 +126,9 @@ def modes_for_march(problem: Problem, active_meshes: ActiveMeshes) -> MarchModes
     )
 
 
-def _dense_modes(system: System, meshes: MeshParameters, frequency: float) -> Modes:
+def _dense_modes(
+    system: System, meshes: MeshParameters, frequency: float
+) -> ComplexModes:
     """All modes of a train."""
     ends = np.concatenate(
         [system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]]

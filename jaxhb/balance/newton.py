@@ -53,7 +53,7 @@ class Iterate(NamedTuple):
     step: Array
 
 
-class _State(NamedTuple):
+class _Iteration(NamedTuple):
     """State of the iteration.
 
     value : residual at the iterate; right_side : residual that the next linear solve is
@@ -75,8 +75,8 @@ def _solve(
     evaluate: Callable[[Array], Array],
     direction: Callable[..., Array],
     norm: Callable[[Array], Array],
-    state: _State,
-) -> _State:
+    state: _Iteration,
+) -> _Iteration:
     """Solve one linear system: for a correction and the first trial of its length, or
     for the level of the trial.
 
@@ -122,7 +122,7 @@ def _solve(
         ~is_good & (length < iterations.SHORTEST),
         jnp.where(is_good, jnp.where(tells_distance, size, jnp.inf), iterate.step),
     )
-    return _State(
+    return _Iteration(
         following,
         value=jnp.where(is_good, trial_residual, state.value),
         right_side=trial_residual,
@@ -164,15 +164,17 @@ def newton(
         unknown = (iterate.error > tolerance) & ~(iterate.step < step_tolerance)
         return unknown & (iterate.steps < max_steps) & ~iterate.stalled
 
-    def try_lengths(state: _State) -> _State:
+    def try_lengths(state: _Iteration) -> _Iteration:
         """Make all trials at one iterate, with the linear system prepared there."""
         direction_here = partial(direction, prepare(state.iterate.x))
 
-        def on_trial(carry: tuple[jax.Array, _State]) -> Array:
+        def on_trial(carry: tuple[jax.Array, _Iteration]) -> Array:
             fresh, state = carry
             return (fresh | state.trying) & unsolved(state.iterate)
 
-        def solve_once(carry: tuple[jax.Array, _State]) -> tuple[jax.Array, _State]:
+        def solve_once(
+            carry: tuple[jax.Array, _Iteration],
+        ) -> tuple[jax.Array, _Iteration]:
             return jnp.array(False), _solve(evaluate, direction_here, norm, carry[1])
 
         return lax.while_loop(on_trial, solve_once, (jnp.array(True), state))[1]
@@ -183,7 +185,7 @@ def newton(
     )
     full_length = jnp.array(1.0)
     infinite_gain = jnp.array(jnp.inf)
-    begin = _State(
+    begin = _Iteration(
         first_iterate,
         value,
         value,

@@ -469,20 +469,20 @@ def active_deflections(plan: Plan, deflections: Array) -> Array:
 
 
 def first_start(
-    plan: Plan, *, marches: bool = False, given: Array | None = None, xp: Any = np
+    plan: Plan, *, marches: bool = False, deflections: Array | None = None, xp: Any = np
 ) -> Start:
-    """The Start with teeth in contact, marched on or not, or with given deflections
+    """The Start with teeth in contact, marched on or not, or with ``deflections``
     ``(G, n+1)`` m.
     """
-    if given is None:
+    if deflections is None:
         shape = (len(plan.active_meshes.mask), plan.harmonics + 1)
         deflection = np.zeros(shape, dtype=complex)
     else:
-        deflection = fourier.resize(xp.asarray(given), plan.harmonics)
+        deflection = fourier.resize(xp.asarray(deflections), plan.harmonics)
     return Start(
         deflection=deflection,
-        is_given=np.array(given is not None),
-        sweeps=np.array(plan.cycles if marches and given is None else 0),
+        is_given=np.array(deflections is not None),
+        sweeps=np.array(plan.cycles if marches and deflections is None else 0),
         settled=np.array(START_SETTLED),
     )
 
@@ -512,7 +512,7 @@ def solve_planned(
         plan = dataclasses.replace(plan, start="march")
     if isinstance(start, Response):
         begin = first_start(
-            plan, given=active_deflections(plan, start.deflections), xp=jnp
+            plan, deflections=active_deflections(plan, start.deflections), xp=jnp
         )
         # Under jit a response that is not solved is nan, and no start.
         is_given = jnp.isfinite(begin.deflection).all()

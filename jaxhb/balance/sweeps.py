@@ -43,7 +43,7 @@ from jaxhb.equations import fourier
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.block_sweep import quotient
 from jaxhb.equations.condensation import CondensedEquation
-from jaxhb.equations.state_space import Modes
+from jaxhb.equations.state_space import ComplexModes
 from jaxhb.integration.step import force_on_flank, with_rate
 
 # Steps of a cycle that are offered: each number is a program.
@@ -105,7 +105,7 @@ class SweepPlan:
         return np.exp(-2j * np.pi * np.arange(self.harmonics + 1) / self.steps)
 
 
-def fastest_rate(modes: MarchModes | Modes) -> float:
+def fastest_rate(modes: MarchModes | ComplexModes) -> float:
     """Modulus in 1/s of the fastest rate of the modes in which teeth move."""
     meshes = modes.forcing.shape[1]
     accelerated = np.abs(modes.observation[meshes:].T * modes.forcing)

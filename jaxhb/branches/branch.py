@@ -66,7 +66,7 @@ def response_at(curve: HarmonicCurve, plan: Plan, y: np.ndarray) -> Response:
     train, rpm = train_at(
         curve.train, float(curve.rpm), curve.parameter, curve.value(y)
     )
-    begin = first_start(plan, given=np.asarray(curve.deflection(y)))
+    begin = first_start(plan, deflections=np.asarray(curve.deflection(y)))
     problem = problem_at(train, rpm, curve.shape.excited)
     response, _ = solve_once(train, rpm, problem, plan, begin)
     return response

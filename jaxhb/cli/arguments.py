@@ -17,7 +17,7 @@ Setting = tuple[str, float | str]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arguments:
+class CommonOptions:
     """Options of all commands that read a scene; ``files`` are paths of those to write,
     by the names of :data:`jaxhb.report.files.formats.FORMATS`.
     """
@@ -28,7 +28,7 @@ class Arguments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Arguments):
+class SceneOptions(CommonOptions):
     """Options of ``jaxhb scene``."""
 
     expand: bool
@@ -36,14 +36,14 @@ class Scene(Arguments):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Changed(Arguments):
+class ChangedOptions(CommonOptions):
     """Values of the scene that a command changes."""
 
     set: tuple[Setting, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Computed(Changed):
+class ComputedOptions(ChangedOptions):
     """Options of all commands that compute the train as a scenario leaves it.
 
     scenarios : those asked for; scenario : the one that this run takes, None for the
@@ -59,7 +59,7 @@ class Computed(Changed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Firing:
+class FiringOptions:
     """Cylinders that do not fire, and those that have no gas torque at all."""
 
     misfire: tuple[str, ...]
@@ -67,7 +67,7 @@ class Firing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Accuracy:
+class AccuracyOptions:
     """Number of harmonics, or the largest truncation error."""
 
     harmonics: int | None
@@ -75,35 +75,35 @@ class Accuracy:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion(Accuracy):
+class MotionOptions(AccuracyOptions):
     """The motion asked for: a periodic solution, or what the train does."""
 
     orbit: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spectra:
+class SpectraOptions:
     """Amplitudes in files up to an order, None for all."""
 
     orders: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check(Computed):
+class CheckOptions(ComputedOptions):
     """Options of ``jaxhb check``."""
 
     rpm: list[float] | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modes(Computed):
+class ModesOptions(ComputedOptions):
     """Options of ``jaxhb modes``."""
 
     at: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Holzer(Modes):
+class HolzerOptions(ModesOptions):
     """Options of ``jaxhb holzer``: frequencies, or modes by their numbers."""
 
     hz: tuple[float, ...]
@@ -111,7 +111,7 @@ class Holzer(Modes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Campbell(Modes, Firing):
+class CampbellOptions(ModesOptions, FiringOptions):
     """Options of ``jaxhb campbell``; ``modes`` is how many are drawn."""
 
     rpm: list[float]
@@ -120,7 +120,7 @@ class Campbell(Modes, Firing):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Forced(Computed, Firing, Spectra):
+class ForcedOptions(ComputedOptions, FiringOptions, SpectraOptions):
     """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
 
     rpm: list[float]
@@ -128,7 +128,7 @@ class Forced(Computed, Firing, Spectra):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solve(Computed, Firing, Motion, Spectra):
+class SolveOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions):
     """Options of ``jaxhb solve``."""
 
     rpm: float
@@ -137,7 +137,7 @@ class Solve(Computed, Firing, Motion, Spectra):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(Computed, Firing, Motion, Spectra):
+class SweepOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions):
     """Options of ``jaxhb sweep``; ``over`` is the number of the scene that it goes over
     instead of the speed, and its values.
     """
@@ -151,7 +151,7 @@ class Sweep(Computed, Firing, Motion, Spectra):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report(Computed, Firing, Motion, Spectra):
+class ReportOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions):
     """Options of ``jaxhb report``."""
 
     rpm: list[float]
@@ -164,7 +164,7 @@ class Report(Computed, Firing, Motion, Spectra):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tune(Changed):
+class TuneOptions(ChangedOptions):
     """Options of ``jaxhb tune``; those that are None are as the [tune] table says."""
 
     rpm: list[float] | None
@@ -177,7 +177,7 @@ class Tune(Changed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tolerance(Computed, Accuracy):
+class ToleranceOptions(ComputedOptions, AccuracyOptions):
     """Options of ``jaxhb tolerance``."""
 
     rpm: list[float]
@@ -187,7 +187,7 @@ class Tolerance(Computed, Accuracy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Phase(Computed):
+class PhaseOptions(ComputedOptions):
     """Options of ``jaxhb phase``; ``name`` is the [[phase]] that is turned."""
 
     rpm: list[float]
@@ -197,7 +197,7 @@ class Phase(Computed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Identify(Computed):
+class IdentifyOptions(ComputedOptions):
     """Options of ``jaxhb identify``; ``fit`` are numbers and their bounds, ``weak``
     asks for the weak cylinder instead.
     """

@@ -14,7 +14,7 @@ from jaxhb.cli import arguments as cli
 from jaxhb.cli.operating_modes import compare
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Unfinished
-from jaxhb.report.answer import SPEED, Answer, Axis
+from jaxhb.report.answer import SPEED, Answer, SweepAxis
 from jaxhb.report.compute import (
     Asked,
     answer_one,
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 EACH = "each"
 
 
-def solve(train: DriveTrain, arguments: cli.Solve) -> int:
+def solve(train: DriveTrain, arguments: cli.SolveOptions) -> int:
     """Answer one speed."""
     check_files(train, arguments)
     train = misfire_trains(train, arguments)[""]
@@ -79,7 +79,7 @@ def solve(train: DriveTrain, arguments: cli.Solve) -> int:
     return status(failures)
 
 
-def tune(train: DriveTrain, arguments: cli.Tune) -> int:
+def tune(train: DriveTrain, arguments: cli.TuneOptions) -> int:
     """Change the numbers of a scene so that a response becomes small, as its [tune]
     table asks.
     """
@@ -133,7 +133,7 @@ class _TunedFiles:
 
     def __init__(
         self,
-        arguments: cli.Tune,
+        arguments: cli.TuneOptions,
         train: DriveTrain,
         rpm: Iterable[float],
         progress: Progress,
@@ -206,7 +206,8 @@ class _TunedFiles:
 
 
 def check_files(
-    train: DriveTrain, arguments: cli.Solve | cli.Sweep | cli.Report
+    train: DriveTrain,
+    arguments: cli.SolveOptions | cli.SweepOptions | cli.ReportOptions,
 ) -> None:
     """Refuse a picture of nothing before anything is computed."""
     topology = train.topology
@@ -226,7 +227,7 @@ def check_files(
 
 
 def misfire_trains(
-    train: DriveTrain, arguments: cli.Firing, *, each: bool = False
+    train: DriveTrain, arguments: cli.FiringOptions, *, each: bool = False
 ) -> dict[str, DriveTrain]:
     """Trains by the cylinders that do not fire: under "" that of ``--misfire`` and
     ``--cut-off``; of ``each``, which some commands take, the train as it runs, and
@@ -268,7 +269,7 @@ def status(failures: Iterable[str]) -> int:
     return output.NOT_ANSWERED if sentences else output.ANSWERED
 
 
-def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
+def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
     """Answer many speeds, or many values of a number."""
     check_files(train, arguments)
     rpm = arguments.rpm
@@ -287,7 +288,7 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
     values = rpm
     if arguments.over:
         name, values = arguments.over
-        axis = Axis(name, parameter_unit(train, name))
+        axis = SweepAxis(name, parameter_unit(train, name))
         # What is refused is refused before anything is computed or written.
         for value in values:
             train.replace({name: value})
@@ -349,7 +350,7 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
 class _SweepFiles:
     """The answers so far by direction, and the files that hold them."""
 
-    def __init__(self, train: DriveTrain, arguments: cli.Sweep, axis: Axis):
+    def __init__(self, train: DriveTrain, arguments: cli.SweepOptions, axis: SweepAxis):
         self.train = train
         self.arguments = arguments
         self.axis = axis

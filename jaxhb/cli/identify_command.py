@@ -32,7 +32,7 @@ Bounds = tuple[str, tuple[float, float]]
 """``NAME.FIELD`` and its bounds."""
 
 
-def identify(train: DriveTrain, arguments: cli.Identify) -> int:
+def identify(train: DriveTrain, arguments: cli.IdentifyOptions) -> int:
     """Fit numbers of a scene to measured orders."""
     rows = read_measured(arguments.measured, train)
     if arguments.weak:
@@ -57,7 +57,7 @@ def identify(train: DriveTrain, arguments: cli.Identify) -> int:
 
 
 def _find_weak_cylinder(
-    train: DriveTrain, rows: Measured, arguments: cli.Identify
+    train: DriveTrain, rows: Measured, arguments: cli.IdentifyOptions
 ) -> int:
     """Name the cylinder that explains measured orders."""
     if arguments.fit or {"output", "plot"} & {*arguments.files}:
@@ -86,7 +86,7 @@ def _parameters(
     return parameters, {row.name: row.std for row in tolerances if row.std}
 
 
-def _write(arguments: cli.Identify, path: str, fitted: Identification) -> None:
+def _write(arguments: cli.IdentifyOptions, path: str, fitted: Identification) -> None:
     """Write the scene with fitted numbers, and their deviations as its tolerances."""
     names = [parameter.name for parameter in fitted.parameters]
     values = dict(arguments.set) | dict(

@@ -29,7 +29,7 @@ def scenes() -> int:
     return 0
 
 
-def new(arguments: cli.Arguments) -> int:
+def new(arguments: cli.CommonOptions) -> int:
     """Write a scene to begin with, and its tables beside it."""
     file = arguments.files["file"]
     path = Path(file)
@@ -49,7 +49,7 @@ def new(arguments: cli.Arguments) -> int:
     return 0
 
 
-def scene(arguments: cli.Scene) -> int:
+def scene(arguments: cli.SceneOptions) -> int:
     """Print a scene as TOML or its referred numbers, or write it with the tables it
     names, or draw the train.
     """
@@ -85,14 +85,14 @@ def scene(arguments: cli.Scene) -> int:
     return 0
 
 
-def read(arguments: cli.Changed, constant_links: bool) -> DriveTrain:
+def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
     """The train of a command: the scene with what is changed in it.
 
     Links that vary become constant as --links-at says, unless the command sees to that
     at its own speeds.
     """
     train = load_scene(arguments.scene)
-    computed = arguments if isinstance(arguments, cli.Computed) else None
+    computed = arguments if isinstance(arguments, cli.ComputedOptions) else None
     if computed and computed.scenario is not None:
         train = train.scenario(computed.scenario)
     if arguments.set:
@@ -105,7 +105,7 @@ def read(arguments: cli.Changed, constant_links: bool) -> DriveTrain:
 
 
 def check_files(
-    arguments: cli.Arguments, options: dict[str, str] | None = None
+    arguments: cli.CommonOptions, options: dict[str, str] | None = None
 ) -> None:
     """Refuse what cannot be written, by the name of the option that was given;
     ``options`` are those under which files stand that the user did not name.
@@ -139,7 +139,7 @@ def check_files(
         )
 
 
-def checked_tuning(arguments: cli.Tune) -> cli.Tune:
+def checked_tuning(arguments: cli.TuneOptions) -> cli.TuneOptions:
     """The arguments of a tuning with names for the files that were not named; none of
     those may hold anything else, and all can be written.
     """

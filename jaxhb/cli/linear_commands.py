@@ -48,7 +48,7 @@ MOST_OF_CHECK = 500  # disks of which a check has all modes; of more it has the 
 LOWEST = 20  # modes of these
 
 
-def check(train: DriveTrain, arguments: cli.Check) -> int:
+def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
     """Tell what a scene comes to: mean torques, tooth forces and damping, modes and
     notes.
     """
@@ -81,7 +81,7 @@ def check(train: DriveTrain, arguments: cli.Check) -> int:
     return status(forced_text.forced_failures(response))
 
 
-def modes(train: DriveTrain, arguments: cli.Modes) -> int:
+def modes(train: DriveTrain, arguments: cli.ModesOptions) -> int:
     """Natural frequencies of a scene."""
     constant = _constant(train, arguments.at, arguments.links_at)
     teeth = _with_teeth(arguments, None, [constant])
@@ -106,7 +106,7 @@ def modes(train: DriveTrain, arguments: cli.Modes) -> int:
     return ANSWERED
 
 
-def holzer(train: DriveTrain, arguments: cli.Holzer) -> int:
+def holzer(train: DriveTrain, arguments: cli.HolzerOptions) -> int:
     """Holzer's tables."""
     constant = _constant(train, arguments.at, arguments.links_at)
     teeth = _with_teeth(arguments, None, [constant])
@@ -132,7 +132,7 @@ def holzer(train: DriveTrain, arguments: cli.Holzer) -> int:
     return ANSWERED
 
 
-def campbell(train: DriveTrain, arguments: cli.Campbell) -> int:
+def campbell(train: DriveTrain, arguments: cli.CampbellOptions) -> int:
     """Natural frequencies and orders over the speed."""
     rpm = arguments.rpm
     count = arguments.modes
@@ -198,7 +198,7 @@ def _at_critical_speeds(
     }
 
 
-def forced(train: DriveTrain, arguments: cli.Forced) -> int:
+def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
     """Linear forced response over the speed, with --misfire each beside it that of
     every cylinder in turn.
     """
@@ -286,7 +286,7 @@ class _Teeth:
 
 
 def _with_teeth(
-    arguments: cli.Modes, rpm: Sequence[float] | None, trains: list[DriveTrain]
+    arguments: cli.ModesOptions, rpm: Sequence[float] | None, trains: list[DriveTrain]
 ) -> _Teeth:
     """Trains with teeth in contact, or with the slopes at the mean load of ``--at``;
     ``rpm`` are the speeds of the command, None without any.

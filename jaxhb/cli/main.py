@@ -156,7 +156,7 @@ def _folder_is_there() -> bool:
     return True
 
 
-class Program(click.Group):
+class Commands(click.Group):
     """Commands in the order in which they are defined; the help ends with the examples
     of all.
     """
@@ -179,7 +179,7 @@ class Program(click.Group):
 
 
 @click.group(
-    cls=Program,
+    cls=Commands,
     no_args_is_help=False,
     subcommand_metavar="COMMAND ...",
     epilog=STATUS,
@@ -209,7 +209,7 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     )
 
 
-@command(cli.Arguments, "inputs", DONE, "new my_engine.toml")
+@command(cli.CommonOptions, "inputs", DONE, "new my_engine.toml")
 @click.argument(
     "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
 )
@@ -235,7 +235,7 @@ def scenes() -> None:
 
 
 @command(
-    cli.Scene,
+    cli.SceneOptions,
     "inputs",
     DONE,
     "scene six_cylinder_diesel --expand",
@@ -267,7 +267,7 @@ def scene() -> None:
     """
 
 
-@command(cli.Check, "linear_commands", LINEAR_STATUS, "check my_engine.toml")
+@command(cli.CheckOptions, "linear_commands", LINEAR_STATUS, "check my_engine.toml")
 @options.SCENE
 @option(
     "--rpm A:B:COUNT",
@@ -285,7 +285,7 @@ def check() -> None:
     """
 
 
-@command(cli.Modes, "linear_commands", DONE, "modes six_cylinder_diesel")
+@command(cli.ModesOptions, "linear_commands", DONE, "modes six_cylinder_diesel")
 @options.SCENE
 @options.MEAN_LOAD
 @options.file("json", "write frequencies and shapes for programs")
@@ -296,7 +296,9 @@ def modes() -> None:
     """Natural frequencies in Hz, undamped, and mode shapes."""
 
 
-@command(cli.Holzer, "linear_commands", DONE, "holzer six_cylinder_diesel --mode 1 2")
+@command(
+    cli.HolzerOptions, "linear_commands", DONE, "holzer six_cylinder_diesel --mode 1 2"
+)
 @options.SCENE
 @options.MEAN_LOAD
 @option(
@@ -318,7 +320,7 @@ def holzer() -> None:
 
 
 @command(
-    cli.Campbell,
+    cli.CampbellOptions,
     "linear_commands",
     LINEAR_STATUS,
     "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot"
@@ -359,7 +361,7 @@ def campbell() -> None:
 
 
 @command(
-    cli.Forced,
+    cli.ForcedOptions,
     "linear_commands",
     LINEAR_STATUS,
     'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot'
@@ -387,7 +389,7 @@ def forced() -> None:
 
 
 @command(
-    cli.Solve,
+    cli.SolveOptions,
     "commands",
     STATUS,
     "solve gear_train_30 --rpm 1800 --plot cycle.png",
@@ -413,7 +415,7 @@ def solve() -> None:
 
 
 @command(
-    cli.Sweep,
+    cli.SweepOptions,
     "commands",
     STATUS,
     "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png",
@@ -463,7 +465,7 @@ def sweep() -> None:
 
 
 @command(
-    cli.Report,
+    cli.ReportOptions,
     "page_command",
     STATUS,
     'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot'
@@ -510,7 +512,9 @@ def report() -> None:
     """
 
 
-@command(cli.Tune, "commands", SEARCHED, "tune engine_with_damper --plot tuned.png")
+@command(
+    cli.TuneOptions, "commands", SEARCHED, "tune engine_with_damper --plot tuned.png"
+)
 @options.SCENE_OF_TUNING
 @option(
     "--rpm A:B:COUNT",
@@ -544,7 +548,7 @@ def tune() -> None:
 
 
 @command(
-    cli.Tolerance,
+    cli.ToleranceOptions,
     "tolerance_command",
     SEARCHED,
     "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
@@ -584,7 +588,7 @@ def tolerance() -> None:
 
 
 @command(
-    cli.Phase,
+    cli.PhaseOptions,
     "tolerance_command",
     LINEAR_STATUS,
     'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv'
@@ -616,7 +620,7 @@ def phase() -> None:
 
 
 @command(
-    cli.Identify,
+    cli.IdentifyOptions,
     "identify_command",
     FITTED,
     'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6"'

@@ -28,11 +28,11 @@ AS_WRITTEN = "as written"
 EACH = "each"
 
 
-def modes(arguments: cli.Changed) -> dict[str, str | None]:
+def modes(arguments: cli.ChangedOptions) -> dict[str, str | None]:
     """The scenarios that are asked for by their titles, None for the scene as
     written.
     """
-    if not isinstance(arguments, cli.Computed):
+    if not isinstance(arguments, cli.ComputedOptions):
         return {AS_WRITTEN: None}
     chosen: list[str | None] = list(dict.fromkeys(arguments.scenarios))
     if EVERY in chosen:
@@ -63,7 +63,7 @@ def each(
     Some files hold all modes (``merge`` of a Format), others have the mode in their
     name.
     """
-    if isinstance(arguments, cli.Identify):
+    if isinstance(arguments, cli.IdentifyOptions):
         raise output.OutputError(
             "--scenario: a measurement was taken in one of them. Name one."
         )
@@ -95,7 +95,7 @@ def each(
                 quiet=quiet,
                 compared=[],
             )
-            if isinstance(arguments, cli.Sweep) and arguments.folder:
+            if isinstance(arguments, cli.SweepOptions) and arguments.folder:
                 one_mode = dataclasses.replace(
                     one_mode, folder=_with_title(arguments.folder, title)
                 )
@@ -133,13 +133,13 @@ def each(
 
 
 def _skipped(
-    arguments: cli.Computed, scenarios: Mapping[str, str | None]
+    arguments: cli.ComputedOptions, scenarios: Mapping[str, str | None]
 ) -> dict[str, str]:
     """Modes that lack what an option names, or in which no cylinder fires though
     ``each`` asks for one, and why.
     """
     whole = load_scene(arguments.scene)
-    in_turn = isinstance(arguments, cli.Firing) and EACH in (
+    in_turn = isinstance(arguments, cli.FiringOptions) and EACH in (
         *arguments.misfire,
         *arguments.cut_off,
     )
@@ -160,7 +160,7 @@ def _skipped(
     return skipped
 
 
-def _named_elements(arguments: cli.Computed) -> Iterator[tuple[str, str]]:
+def _named_elements(arguments: cli.ComputedOptions) -> Iterator[tuple[str, str]]:
     """Elements that options of a command name, (option, element)."""
     for name in ("misfire", "cut_off", "element"):
         for element in getattr(arguments, name, ()):
@@ -172,7 +172,7 @@ def _named_elements(arguments: cli.Computed) -> Iterator[tuple[str, str]]:
         if element:
             yield option, element
     settings = [("--set", key) for key, _ in arguments.set]
-    if isinstance(arguments, cli.Sweep) and arguments.over:
+    if isinstance(arguments, cli.SweepOptions) and arguments.over:
         settings.append(("--over", arguments.over[0]))
     for option, key in settings:
         element = key.rpartition(".")[0]
@@ -206,7 +206,9 @@ def _with_title(name: str, title: str) -> str:
     return str(path.with_name(f"{path.stem}_{word}{path.suffix}"))
 
 
-def compare(arguments: cli.Computed, numbers: Callable[[], Iterable[Compared]]) -> None:
+def compare(
+    arguments: cli.ComputedOptions, numbers: Callable[[], Iterable[Compared]]
+) -> None:
     """Hand on the numbers that are compared over the modes, made by a function; where
     the command runs alone nothing is made.
     """
@@ -214,7 +216,7 @@ def compare(arguments: cli.Computed, numbers: Callable[[], Iterable[Compared]]) 
         arguments.compared.extend(numbers())
 
 
-def _worst(by_title: Mapping[str, cli.Computed]) -> dict[str, dict]:
+def _worst(by_title: Mapping[str, cli.ComputedOptions]) -> dict[str, dict]:
     """The largest value of every quantity of all modes, with the mode, the case and the
     place.
     """

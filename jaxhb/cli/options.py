@@ -112,16 +112,16 @@ class Command(click.Command):
             name: value for name, value in ctx.params.items() if name not in FORMATS
         }
         arguments = self.arguments(**options, files=files)
-        if not isinstance(arguments, cli.Changed):
+        if not isinstance(arguments, cli.ChangedOptions):
             return getattr(inputs, self.function_name)(arguments)
         scenarios = operating_modes.modes(arguments)
         constant_links = self.name not in CONSTANT_LINKS_BY_THEMSELVES
         train = None
         if len(scenarios) == 1:
-            if isinstance(arguments, cli.Computed):
+            if isinstance(arguments, cli.ComputedOptions):
                 (scenario,) = scenarios.values()
                 arguments = dataclasses.replace(arguments, scenario=scenario)
-            if isinstance(arguments, cli.Tune):
+            if isinstance(arguments, cli.TuneOptions):
                 arguments = inputs.checked_tuning(arguments)
             else:
                 inputs.check_files(arguments)

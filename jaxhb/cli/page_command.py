@@ -74,7 +74,7 @@ class _Computed:
     tolerances: tuple
 
 
-def report(train: DriveTrain, arguments: cli.Report) -> int:
+def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
     """Several speeds, normal and misfiring, with backlash and without."""
     rpm = arguments.rpm
     at = arguments.at
@@ -132,7 +132,7 @@ def _compute(
     train: DriveTrain,
     trains: dict[str, DriveTrain],
     second: DriveTrain | None,
-    arguments: cli.Report,
+    arguments: cli.ReportOptions,
     question: Asked,
     progress: Progress,
     folder: Any,
@@ -184,7 +184,7 @@ def _compute(
 
 
 def _deliver(
-    arguments: cli.Report,
+    arguments: cli.ReportOptions,
     text: str,
     trains: dict[str, DriveTrain],
     computed: _Computed,
@@ -220,7 +220,7 @@ def _deliver(
     )
 
 
-def _checked_page(train: DriveTrain, arguments: cli.Report) -> DriveTrain | None:
+def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain | None:
     """The second design where its scene is given; refuses what no page can tell, before
     anything is computed.
     """
@@ -255,7 +255,10 @@ def _tuned(
 
 
 def _tolerances(
-    train: DriveTrain, arguments: cli.Report, say: Callable[[str], None], folder: Any
+    train: DriveTrain,
+    arguments: cli.ReportOptions,
+    say: Callable[[str], None],
+    folder: Any,
 ) -> tuple:
     """Figures, words and tables on what the tolerances of the scene do."""
     spread = search(
@@ -272,7 +275,7 @@ def _tolerances(
 
 
 def _second_designs(
-    second: DriveTrain, misfire: Case | None, arguments: cli.Report
+    second: DriveTrain, misfire: Case | None, arguments: cli.ReportOptions
 ) -> dict[str, DriveTrain]:
     """The second design by title, as it runs and with the misfire that the page shows
     of the first, if it has that cylinder; of every misfire in turn, programs are those
@@ -322,7 +325,7 @@ def second_text(cases: list[Case], seconds: list[Case]) -> str:
     return "\n".join(lines)
 
 
-def _report_of(arguments: cli.Report, computed: _Computed) -> Report:
+def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
     """The :class:`Report` of what was computed."""
     train = computed.cases[0].answers[0].train
     elements = _written_elements(train, arguments)
@@ -342,7 +345,7 @@ def _report_of(arguments: cli.Report, computed: _Computed) -> Report:
     return Report(
         computed.cases,
         place=computed.place,
-        asked=arguments.at is not None,
+        place_asked=arguments.at is not None,
         gear=arguments.gear,
         seconds=computed.seconds,
         tuning=computed.tuning,
@@ -356,7 +359,7 @@ def _report_of(arguments: cli.Report, computed: _Computed) -> Report:
     )
 
 
-def _facts(arguments: cli.Report) -> dict[str, str]:
+def _facts(arguments: cli.ReportOptions) -> dict[str, str]:
     """The origin of a page."""
     accuracy = f"{arguments.harmonics} harmonics, as asked"
     if not arguments.harmonics:
@@ -384,7 +387,9 @@ def _facts(arguments: cli.Report) -> dict[str, str]:
     }
 
 
-def _written_elements(train: DriveTrain, arguments: cli.Report) -> dict[str, Any]:
+def _written_elements(
+    train: DriveTrain, arguments: cli.ReportOptions
+) -> dict[str, Any]:
     """Elements as the scene says them, with what a scenario and --set change."""
     changed = train.scenarios.get(arguments.scenario or "", {}) | dict(arguments.set)
     settings = {

@@ -34,7 +34,7 @@ from jaxhb.report.text.tolerances import (
 from jaxhb.train.drivetrain import DriveTrain
 
 
-def tolerance(train: DriveTrain, arguments: cli.Tolerance) -> int:
+def tolerance(train: DriveTrain, arguments: cli.ToleranceOptions) -> int:
     """Find what the tolerances of a scene do to its response."""
     tolerances = read_tolerances(train)
     quantities = tuple(map(read_quantity, arguments.of))
@@ -93,7 +93,7 @@ def read_quantity(text: str) -> Objective:
     return Objective(quantity=name, of=element, order=order)
 
 
-def phase(train: DriveTrain, arguments: cli.Phase) -> int:
+def phase(train: DriveTrain, arguments: cli.PhaseOptions) -> int:
     """Find the worst phase of an engine."""
     names = train.topology.phase_names
     if arguments.name is None and len(names) != 1:

@@ -299,7 +299,7 @@ class Fit:
             self.measured.rpm[lost],
             row_status[lost],
             title,
-            kept=np.zeros(lost.sum(), dtype=bool),
+            answered=np.zeros(lost.sum(), dtype=bool),
         )
         self.left_out = tuple(dict.fromkeys(sentences))
         # Rows that are left out say nothing of the noise of the others.

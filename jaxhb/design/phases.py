@@ -368,7 +368,7 @@ class _Solved:
         rpm = np.array(list(self.worst_status))
         status = np.array(list(self.worst_status.values()))
         title = f"{self.train.topology.title}, at some phases,"
-        return left_out(rpm, status, title, kept=np.zeros(len(rpm), dtype=bool))
+        return left_out(rpm, status, title, answered=np.zeros(len(rpm), dtype=bool))
 
 
 def _golden(

@@ -582,8 +582,8 @@ class _Search:
         speed.
         """
         shares = tuple(u.tolist())
-        known = self.tried[i].get(shares, responses)
-        self.tried[i][shares] = np.fmax(known, responses)
+        largest = self.tried[i].get(shares, responses)
+        self.tried[i][shares] = np.fmax(largest, responses)
 
     def sampled(self, drawn: np.ndarray, which: np.ndarray | bool = True) -> np.ndarray:
         """Responses ``(n, S, Q)`` of a sample ``(S, P)``, its lanes near those of the

@@ -329,7 +329,7 @@ def condensed_chains(system: System, omega: Array) -> tuple[System, Array, Array
     stiffness, loss, viscous = (field[:, None] for field in fields(of_links, plain))
     plain_link = complex_stiffness(omega, stiffness, loss, viscous)
     link = jnp.concatenate([chain_link[:joined], plain_link])
-    node = node_stiffness(system, omega)[condensation.kept]
+    node = node_stiffness(system, omega)[condensation.remaining]
     node = node.at[condensation.begin].add(chain_begin[:joined])
     node = node.at[condensation.end].add(chain_end)
     arm_a, arm_b = (
@@ -339,7 +339,7 @@ def condensed_chains(system: System, omega: Array) -> tuple[System, Array, Array
     condensed = dataclasses.replace(
         system,
         tree=condensation.tree,
-        mass=system.mass[condensation.kept],
+        mass=system.mass[condensation.remaining],
         arm_a=arm_a,
         arm_b=arm_b,
     )
@@ -354,7 +354,7 @@ def receptance(system: System, omega: Array, columns: Array) -> Array:
     condensed, link, node = condensed_chains(system, omega)
     condensation = system.tree.condensation
     assert condensation is not None  # of a whole train
-    mesh_columns = columns[condensation.kept]
+    mesh_columns = columns[condensation.remaining]
     motion, _ = _sweep(condensed, link, node, unit_forces(mesh_columns, len(omega)), 0)
     return jnp.einsum("sg,srh->hgr", mesh_columns, motion)
 

@@ -20,7 +20,7 @@ from jaxhb.equations.state_space import (
     HELD_ROUNDED,
     LIGHT,
     ROTATION,
-    Modes,
+    ComplexModes,
     StateSpace,
     modes_of,
 )
@@ -36,9 +36,11 @@ if TYPE_CHECKING:
 SHIFTS = 12
 
 
-def projected_modes(system: System, meshes: MeshParameters, frequency: float) -> Modes:
-    """The :class:`~jaxhb.equations.state_space.Modes` of a System of the host that its
-    meshes notice.
+def projected_modes(
+    system: System, meshes: MeshParameters, frequency: float
+) -> ComplexModes:
+    """The :class:`~jaxhb.equations.state_space.ComplexModes` of a System of the host
+    that its meshes notice.
 
     meshes : MeshParameters of those with backlash; frequency : rad/s, the lowest at
     which responses are taken, and what scales slow modes.

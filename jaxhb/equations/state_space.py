@@ -346,7 +346,7 @@ def static_response(K: Array, force: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Modes:
+class ComplexModes:
     """Complex host arrays of m modes: rates ``(m,)`` 1/s; forcing ``(m, G)``;
     observation ``(2G, m)``; motion ``(2S, m)``; coordinates ``(m, 2S)``, z of (x, x').
     """
@@ -357,9 +357,9 @@ class Modes:
     motion: np.ndarray
     coordinates: np.ndarray
 
-    def only(self, chosen: np.ndarray) -> Modes:
+    def only(self, chosen: np.ndarray) -> ComplexModes:
         """Some of the modes, by index or mask."""
-        return Modes(
+        return ComplexModes(
             rates=self.rates[chosen],
             forcing=self.forcing[chosen],
             observation=self.observation[:, chosen],
@@ -370,8 +370,8 @@ class Modes:
 
 def march_modes(
     system: System, meshes: MeshParameters, frequency: float, parts: Partition
-) -> Modes:
-    """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
+) -> ComplexModes:
+    """The :class:`ComplexModes` of a train; arguments as of :func:`state_space`."""
     # Springs in proportion to the inertias leave the undamped shapes as they are: they
     # part the Jordan block of free rotation, and raise the other frequencies by less
     # than rounding shows.
@@ -398,8 +398,8 @@ def unheld_modes(
     space: StateSpace,
     frequency: float,
     parts: Partition,
-) -> Modes:
-    """The :class:`Modes` of a train with its StateSpace, without the spring of
+) -> ComplexModes:
+    """The :class:`ComplexModes` of a train with its StateSpace, without the spring of
     :func:`march_modes`: where rotation is free its rates are 0.
     """
     rates, vectors = np.linalg.eig(space.transition)
@@ -411,9 +411,10 @@ def unheld_modes(
     return _without_spring(modes, free)
 
 
-def _without_spring(modes: Modes, free: np.ndarray) -> Modes:
-    """The Modes with rates 0 where they are ``free`` ``(m,)``: real and imaginary part
-    of a mode that turns on its spring are two, angle and speed of a rotation.
+def _without_spring(modes: ComplexModes, free: np.ndarray) -> ComplexModes:
+    """The ComplexModes with rates 0 where they are ``free`` ``(m,)``: real and
+    imaginary part of a mode that turns on its spring are two, angle and speed of a
+    rotation.
     """
     turns = free & (modes.rates.imag != 0)
     rest = modes.only(~turns)
@@ -430,7 +431,7 @@ def _without_spring(modes: Modes, free: np.ndarray) -> Modes:
             [getattr(rest, name), rotation.real, -rotation.imag], axis=1
         )
 
-    return Modes(
+    return ComplexModes(
         rates=np.concatenate([np.where(free[~turns], 0.0, rest.rates), zeros, zeros]),
         forcing=rows("forcing"),
         observation=columns("observation"),
@@ -439,8 +440,8 @@ def _without_spring(modes: Modes, free: np.ndarray) -> Modes:
     )
 
 
-def modes_of(space: StateSpace, motion: np.ndarray) -> Modes:
-    """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its
+def modes_of(space: StateSpace, motion: np.ndarray) -> ComplexModes:
+    """The :class:`ComplexModes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its
     states.
     """
     A = np.asarray(space.transition)
@@ -456,8 +457,8 @@ def modes_of(space: StateSpace, motion: np.ndarray) -> Modes:
 
 def _modes_of_pairs(
     rates: np.ndarray, vectors: np.ndarray, space: StateSpace, motion: np.ndarray
-) -> Modes:
-    """The :class:`Modes` of eigenvalues and eigenvectors of a StateSpace: of a
+) -> ComplexModes:
+    """The :class:`ComplexModes` of eigenvalues and eigenvectors of a StateSpace: of a
     conjugate pair one.
     """
     forcing = np.asarray(space.forcing)
@@ -468,7 +469,7 @@ def _modes_of_pairs(
     inverse = np.linalg.inv(vectors)[chosen]
     rates = rates[chosen]
     vectors = np.where(rates.imag > 0, 2.0, 1.0) * vectors[:, chosen]
-    return Modes(
+    return ComplexModes(
         rates=rates,
         forcing=inverse @ forcing,
         observation=observation @ vectors,

@@ -25,9 +25,9 @@ class Condensation:
     Of the n disks condensed, chain after chain: disk, chain, after (the link onwards)
     and before (the link by which the chain begins, if it lies between two disks). Of
     the c chains: begin and end, the disks that they lie between, first the t that do,
-    and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other
-    disks; begin, end and ``tree`` count these. The links of ``tree`` are the t chains
-    and after them ``plain``, links between disks that remain.
+    and end of those with one free end: ``(t,)`` and ``(c,)``. remaining ``(K,)``: the
+    other disks; begin, end and ``tree`` count these. The links of ``tree`` are the t
+    chains and after them ``plain``, links between disks that remain.
     """
 
     disk: np.ndarray
@@ -36,7 +36,7 @@ class Condensation:
     after: np.ndarray
     begin: np.ndarray
     end: np.ndarray
-    kept: np.ndarray
+    remaining: np.ndarray
     plain: np.ndarray
     tree: Tree
 

@@ -31,7 +31,7 @@ at constant speed: see ``docs/reference/excitation.md``.
 
 
 class GasSources(Protocol):
-    """What a gas torque may come from: the keys of a ``[[cylinder]]`` or an
+    """Sources of a gas torque: the keys of a ``[[cylinder]]`` or an
     ``[engine]``, of which one is set.
     """
 

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from jaxhb.balance.sweeps import fastest_rate
-from jaxhb.equations.state_space import Modes
+from jaxhb.equations.state_space import ComplexModes
 from jaxhb.floquet.slopes import Reactions, SampledMotion, moments
 from jaxhb.floquet.variational import Monodromy
 
@@ -57,7 +57,7 @@ LIVELY = 2.0
 
 
 def monodromy(
-    modes: Modes, reactions: Reactions, deflection: np.ndarray, frequency: float
+    modes: ComplexModes, reactions: Reactions, deflection: np.ndarray, frequency: float
 ) -> Monodromy:
     """The :class:`~jaxhb.floquet.variational.Monodromy` in the states of
     :func:`real_states`; on the host.
@@ -88,7 +88,7 @@ def monodromy(
     )
 
 
-def real_states(modes: Modes, vectors: np.ndarray) -> np.ndarray:
+def real_states(modes: ComplexModes, vectors: np.ndarray) -> np.ndarray:
     """Vectors ``(r, m)`` of the modes as columns ``(r, n)`` of their real states: real
     and imaginary parts of those that turn, real parts of others.
     """
@@ -108,7 +108,9 @@ def _real_states(rates: np.ndarray) -> np.ndarray:
     return np.eye(2 * len(rates))[_real_columns(rates)]
 
 
-def fewest_intervals(modes: Modes, reactions: Reactions, frequency: float) -> int:
+def fewest_intervals(
+    modes: ComplexModes, reactions: Reactions, frequency: float
+) -> int:
     """Intervals of a cycle in which teeth pass no knots."""
     meshes = len(modes.observation) // 2
     seen = modes.observation[meshes:][reactions.mesh]
@@ -152,7 +154,7 @@ class _Weights:
     h) B; decay : complex ``(k, m)``.
     """
 
-    def __init__(self, modes: Modes, reactions: Reactions, length: np.ndarray):
+    def __init__(self, modes: ComplexModes, reactions: Reactions, length: np.ndarray):
         seen = modes.observation[reactions.observed]
         forcing = reactions.forcing.T
         lengths = len(length)

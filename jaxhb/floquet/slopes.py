@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 from jaxhb._jax import Array, Number
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
-from jaxhb.equations.state_space import Modes
+from jaxhb.equations.state_space import ComplexModes
 
 # Samples of a motion per harmonic, between which it is a cubic
 SAMPLES = 16
@@ -135,7 +135,7 @@ def _variation(variation: Array, which: np.ndarray, share: np.ndarray) -> np.nda
     return values
 
 
-def reactions_of(modes: Modes, meshes: MeshParameters) -> Reactions:
+def reactions_of(modes: ComplexModes, meshes: MeshParameters) -> Reactions:
     """The :class:`Reactions` of meshes and of what acts beside shafts, on the host."""
     law = meshes.law
     count = len(meshes.link)

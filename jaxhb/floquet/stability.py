@@ -19,7 +19,7 @@ from jaxhb.balance.march import noticed_modes
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import (
-    Modes,
+    ComplexModes,
     StateSpace,
     loss_damping,
     partition,
@@ -308,7 +308,7 @@ def _switching_times(
 
 
 def _of_motion(
-    modes: Modes,
+    modes: ComplexModes,
     space: StateSpace,
     meshes: MeshParameters,
     deflection: np.ndarray,
@@ -339,7 +339,7 @@ def _of_motion(
 
 
 def _in_modes(
-    modes: Modes,
+    modes: ComplexModes,
     noticed: np.ndarray,
     reactions: Reactions,
     deflection: np.ndarray,

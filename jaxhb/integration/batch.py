@@ -16,7 +16,7 @@ from jaxhb._jax import Array, Numbers
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import displacements_and_bends
-from jaxhb.equations.state_space import Modes, matrices, static_response
+from jaxhb.equations.state_space import ComplexModes, matrices, static_response
 from jaxhb.equations.system import System
 from jaxhb.integration.step import (
     KrogstadWeights,
@@ -101,7 +101,7 @@ def linear_motions(
 
 
 def steppers(
-    modes: Modes,
+    modes: ComplexModes,
     system: System,
     meshes: MeshParameters,
     linear_motion: LinearMotion,
@@ -143,7 +143,7 @@ def steppers(
     )
 
 
-def _weights(modes: Modes, dt: np.ndarray) -> KrogstadWeights:
+def _weights(modes: ComplexModes, dt: np.ndarray) -> KrogstadWeights:
     """The weights of steps of ``dt`` ``(L, 1)`` seconds."""
     exponent = modes.rates * dt
     half_1, half_2 = (dt * phi for phi in _phi_functions(exponent / 2)[:2])
@@ -208,7 +208,7 @@ def _phi_functions(z: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def state_of(
-    modes: Modes, motion: np.ndarray, linear_motion: LinearMotion
+    modes: ComplexModes, motion: np.ndarray, linear_motion: LinearMotion
 ) -> np.ndarray:
     """States ``(L, 2m)`` of motions (x, x') ``(L, 2S)`` at t = 0: their deviations from
     the linear train.
@@ -217,7 +217,9 @@ def state_of(
     return np.concatenate([z.real, z.imag], axis=1)
 
 
-def motion_of(modes: Modes, state: Array, linear_motion: LinearMotion) -> np.ndarray:
+def motion_of(
+    modes: ComplexModes, state: Array, linear_motion: LinearMotion
+) -> np.ndarray:
     """Motions (x, x') ``(L, 2S)`` at t = 0 of states ``(L, 2m)``."""
     real, imag = np.split(np.asarray(state), 2, axis=1)
     return (

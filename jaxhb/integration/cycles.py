@@ -15,7 +15,7 @@ from jaxhb._jax import Array
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import Law
-from jaxhb.equations.state_space import Modes
+from jaxhb.equations.state_space import ComplexModes
 from jaxhb.equations.system import System
 from jaxhb.integration.batch import SAMPLES, LinearMotion
 from jaxhb.integration.step import Stepper, run
@@ -130,7 +130,7 @@ def of_speed(outputs: Outputs | None, index: int) -> Outputs | None:
 
 
 def outputs_of(
-    modes: Modes,
+    modes: ComplexModes,
     system: System,
     shafts: int,
     linear_meshes: Sequence[int] | np.ndarray,

@@ -327,7 +327,7 @@ class Strength:
             stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
             reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))
             rated = self.rated_rpm or 0.0
-            required = RULES[rule].asked * rated
+            required = RULES[rule].required * rated
             judgement = Judged(
                 source=RULES[rule].source,
                 limits_to_rpm=RULES[rule].highest * rated,

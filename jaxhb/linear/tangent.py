@@ -349,7 +349,7 @@ def _equations(train: DriveTrain, rpm: Number) -> _Equations:
     )
 
 
-class _State(NamedTuple):
+class _Equilibrium(NamedTuple):
     """State of an equilibrium: displacement ``(S,)`` m of disks; deflection m, force N
     and slope N/m ``(L,)`` of links; and force, slope, engagement and slope over the
     stiffness in contact ``(E,)`` of the laws of meshes and shafts.
@@ -365,9 +365,9 @@ class _State(NamedTuple):
     share: Array
 
 
-def _state_at(equations: _Equations, x: Array, pressed: bool) -> _State:
-    """The :class:`_State` at displacements ``(S,)`` m; ``pressed``: plays of shafts
-    have their full stiffness.
+def _state_at(equations: _Equations, x: Array, pressed: bool) -> _Equilibrium:
+    """The :class:`_Equilibrium` at displacements ``(S,)`` m; ``pressed``: plays of
+    shafts have their full stiffness.
     """
     law = equations.law
     deflection = equations.system.deflections(x)
@@ -380,7 +380,7 @@ def _state_at(equations: _Equations, x: Array, pressed: bool) -> _State:
     if pressed:
         slope = namespace(slope).where(equations.clearance, law.stiffness, slope)
     link_slope = equations.constant + equations.on_links(slope)
-    return _State(
+    return _Equilibrium(
         displacement=x,
         deflection=deflection,
         link_force=link_force,
@@ -392,9 +392,9 @@ def _state_at(equations: _Equations, x: Array, pressed: bool) -> _State:
     )
 
 
-def _refined(train: DriveTrain, rpm: Number, x: Array, pressed: bool) -> _State:
-    """The :class:`_State` after two steps of Newton's method from the equilibrium, as
-    one program.
+def _refined(train: DriveTrain, rpm: Number, x: Array, pressed: bool) -> _Equilibrium:
+    """The :class:`_Equilibrium` after two steps of Newton's method from the
+    equilibrium, as one program.
     """
     equations = _equations(train, rpm)
     for _ in range(2):

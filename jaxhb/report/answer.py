@@ -39,7 +39,7 @@ def largest(names: Iterable[str], value: Callable[[str], Number]) -> str | None:
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """The quantity that changes along a sweep: the speed in rpm, or a number of the
     scene by its name "NAME.FIELD".
     """
@@ -74,7 +74,7 @@ class Axis:
         return text if self == SPEED else f"{self.name} = {text}"
 
 
-SPEED = Axis()
+SPEED = SweepAxis()
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Answer(Motion):
     stability: Stability | None = None
     undecided: str = ""
     certificate: Certificate | str | None = None
-    axis: Axis = SPEED
+    axis: SweepAxis = SPEED
     value: float | None = None
 
     topology = property(lambda self: self.train.topology, doc="Topology of the train.")

@@ -14,7 +14,7 @@ import numpy as np
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import QUANTITIES, label
 from jaxhb.floquet.stability import Stability, tendency
-from jaxhb.report.answer import UNCONFIRMED, Answer, Axis, Case
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case, SweepAxis
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
 from jaxhb.results.checkpoint import Cached
@@ -244,7 +244,7 @@ def _stability_of(state: SteadyState) -> tuple[Stability | None, str]:
 def answer_values(
     train: DriveTrain,
     rpm: float,
-    axis: Axis,
+    axis: SweepAxis,
     values: Sequence[float],
     options: Asked,
     *,
@@ -254,8 +254,8 @@ def answer_values(
     progress: Callable[[int], object] | None = None,
     on_answers: Callable[[Answers], object] | None = None,
 ) -> Answers:
-    """Compute answers at one speed for many ``values`` of an :class:`Axis`, each from
-    the motion of its neighbour.
+    """Compute answers at one speed for many ``values`` of a :class:`SweepAxis`, each
+    from the motion of its neighbour.
 
     Arguments are those of :func:`answer_speeds`; values are computed one by one,
     whatever the ``chunk``.

@@ -63,7 +63,7 @@ def _sources(topology: Topology) -> Iterator[tuple[int, Sequence[int], bool]]:
     rotor, of all that excites.
     """
     for seats in topology.excitations:
-        yield from zip(seats.disk, seats.listed(), seats.own, strict=True)
+        yield from zip(seats.disk, seats.listed(), seats.of_own_rotor, strict=True)
     loads = topology.load_harmonics or [()] * len(topology.load_disk)
     yield from (
         (disk, row, True) for disk, row in zip(topology.load_disk, loads, strict=True)

@@ -63,16 +63,16 @@ def left_out(
     status: Array,
     title: str,
     *,
-    kept: Array | None = None,
+    answered: Array | None = None,
     advice: Mapping[Status, str] | None = None,
 ) -> list[str]:
-    """Return a sentence for each status of the speeds ``(n,)`` that are not ``kept``,
-    by default those not solved; it ends with the ``advice`` for that status, or else
-    with the sentence of the status itself.
+    """Return a sentence for each status of the speeds ``(n,)`` that are not
+    ``answered``, by default those not solved; it ends with the ``advice`` for that
+    status, or else with the sentence of the status itself.
     """
     rpm = np.atleast_1d(rpm)
     status = np.atleast_1d(status)
-    lost = ~np.atleast_1d(solved(status) if kept is None else kept)
+    lost = ~np.atleast_1d(solved(status) if answered is None else answered)
     sentences = []
     for failure in map(Status, np.unique(status[lost]).tolist()):
         speeds = ranges(rpm.tolist(), rpm[lost & (status == failure)].tolist())

@@ -54,8 +54,8 @@ class Spectrum:
         aligned = np.full(
             (2, len(self.amplitudes), len(order)), [[[self.lacking]], [[np.nan]]]
         )
-        own = np.asarray([self.amplitudes, self.phases])
-        aligned[:, :, present] = own[:, :, places[present]]
+        both = np.asarray([self.amplitudes, self.phases])
+        aligned[:, :, present] = both[:, :, places[present]]
         return aligned
 
 

@@ -35,7 +35,7 @@ class PerCycle(NamedTuple):
     peak: np.ndarray
 
 
-class Spread(NamedTuple):
+class RecordSpread(NamedTuple):
     """Difference to expect of the largest, the smallest and the largest absolute value
     of another record as long: two standard deviations, 0 for a motion that repeats.
     """
@@ -50,7 +50,7 @@ class Spread(NamedTuple):
         return (self.max + self.min) / 2
 
 
-NO_SPREAD = Spread(0.0, 0.0, 0.0)
+NO_SPREAD = RecordSpread(0.0, 0.0, 0.0)
 
 
 class OverCycles:
@@ -155,8 +155,8 @@ class RecordedSignal(Summarized, OverCycles):
         return (self.max - self.min) / 2
 
     @property
-    def spread(self) -> Spread:
-        """Distance of the extremes of other records from these, as :class:`Spread`.
+    def spread(self) -> RecordSpread:
+        """Distance of the extremes of other records from these.
 
         From the extremes of eight parts of the record, which scatter no less than those
         of longer ones; 0 of fewer than 16 cycles.
@@ -168,7 +168,9 @@ class RecordedSignal(Summarized, OverCycles):
             [part.max() for part in np.array_split(of_cycles, PARTS)]
             for of_cycles in values
         )
-        return Spread._make(2 * float(np.std(largest, ddof=1)) for largest in parts)
+        return RecordSpread._make(
+            2 * float(np.std(largest, ddof=1)) for largest in parts
+        )
 
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
@@ -302,7 +304,7 @@ class NoSignal(Summarized):
 
     mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
     per_cycle = PerCycle._make(np.full((3, 3), np.nan))
-    spread = Spread(math.nan, math.nan, math.nan)
+    spread = RecordSpread(math.nan, math.nan, math.nan)
     elastic = property(lambda self: self)
 
     def spectrum(self) -> list[list[float]]:

@@ -214,7 +214,7 @@ class Attempts:
         while True:
             marches = plan.marches and deflection is None
             plan = case.resolved(plan)
-            begin = first_start(plan, marches=marches, given=deflection)
+            begin = first_start(plan, marches=marches, deflections=deflection)
             response, outcome = solve_once(
                 case.train, case.rpm, case.problem, plan, begin
             )

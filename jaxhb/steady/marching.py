@@ -13,7 +13,7 @@ import numpy as np
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.plan import TIME_STEPS
 from jaxhb.equations.reduced_model import reduced_model
-from jaxhb.equations.state_space import Modes, march_modes, modes_of, partition
+from jaxhb.equations.state_space import ComplexModes, march_modes, modes_of, partition
 from jaxhb.integration import batch, cycles
 from jaxhb.integration.batch import LinearMotion
 from jaxhb.integration.cycles import CycleNumbers, Marched, Outputs
@@ -77,12 +77,12 @@ class Equations:
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
 
     @property
-    def modes(self) -> Modes:
-        """The damped :class:`~jaxhb.equations.state_space.Modes`."""
+    def modes(self) -> ComplexModes:
+        """The damped :class:`~jaxhb.equations.state_space.ComplexModes`."""
         return self.modes_and_missing[0]
 
     @cached_property
-    def modes_and_missing(self) -> tuple[Modes, float]:
+    def modes_and_missing(self) -> tuple[ComplexModes, float]:
         """All modes, or of a finely divided train the slow ones that its meshes see
         most; and the largest share of a mesh's own compliance that the modes hold which
         a march leaves out.

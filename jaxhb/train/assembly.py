@@ -280,9 +280,11 @@ def _harmonic_needs(
     for table, kind in EXCITATIONS.items():
         seat = dict(parts.seats(table))
         for i, element in enumerate(parts.tables[table]):
-            own = ratio[seat[i]] if i in seat else None
+            own_ratio = ratio[seat[i]] if i in seat else None
             usable = partial(parts.usable, table, i)
-            needs += [(table, i, *need) for need in kind.needs(element, own, usable)]
+            needs += [
+                (table, i, *need) for need in kind.needs(element, own_ratio, usable)
+            ]
     for i, ends in parts.links("mesh"):
         periods = _mesh_periods(parts, ends, ratio)
         turns_per_order = [(name, periods) for name in OF_PERIOD]

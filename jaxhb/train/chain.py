@@ -139,7 +139,7 @@ def condense_chains(tree: Tree, root: int, teeth: Iterable[int]) -> Condensation
         after=columns[3],
         begin=_index(starts),
         end=_index(chain_ends),
-        kept=_index(remaining),
+        remaining=_index(remaining),
         plain=_index(plain),
         tree=span_links(joints, len(remaining), number[root]),
     )

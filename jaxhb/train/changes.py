@@ -506,10 +506,10 @@ def _check_ratios(before: TrainArrays, after: TrainArrays) -> None:
         turned = {i for members in topology.phase_members for i in members[k]}
         counted += [
             (name, disk)
-            for i, (name, disk, own) in enumerate(
-                zip(seats.names, seats.disk, seats.own, strict=True)
+            for i, (name, disk, of_own_rotor) in enumerate(
+                zip(seats.names, seats.disk, seats.of_own_rotor, strict=True)
             )
-            if own or i in turned
+            if of_own_rotor or i in turned
         ]
     pulsating = zip(
         topology.load_names, topology.load_disk, topology.load_harmonics, strict=True

@@ -1,6 +1,6 @@
-"""What a train is without: elements that are left out, as with a clutch open, with
-everything that they carry and everything that no link joins to the reference disk any
-more; and the gas torques of cylinders that do not fire.
+"""Parts that a train is without: elements that are left out, as with a clutch open,
+with everything that they carry and everything that no link joins to the reference disk
+any more; and the gas torques of cylinders that do not fire.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class MotorKind(Excitation):
         return Seats(
             names=tuple(names),
             disk=tuple(disks),
-            own=(True,) * len(elements),
+            of_own_rotor=(True,) * len(elements),
             harmonics=tuple((round(turn),) for turn in turns),
         )
 

@@ -190,7 +190,7 @@ class CylinderKind(Excitation):
         return CylinderSeats(
             names=tuple(names),
             disk=tuple(disks),
-            own=(True,) * len(elements),
+            of_own_rotor=(True,) * len(elements),
             source=tuple(map(gas.source_word, elements)),
             fires=tuple(cylinder.fires for cylinder in elements),
             cut_off=(False,) * len(elements),

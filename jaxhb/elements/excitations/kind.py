@@ -1,4 +1,4 @@
-"""What a kind of excitation is: what a scene may write of it, and the torque that
+"""A kind of excitation: what a scene may write of it, and the torque that
 follows.
 """
 
@@ -27,16 +27,16 @@ def per_cycle() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Seats:
-    """What is fixed of the n elements of a kind when a program is compiled, each field
-    a tuple over them: text, integers and floats.
+    """The part of the n elements of a kind that is fixed when a program is compiled,
+    each field a tuple over them: text, integers and floats.
 
-    ``own`` : whether orders are those of its own rotor; ``harmonics`` n of the cycle of
-    each order that the scene gives.
+    ``of_own_rotor`` : whether orders are those of its own rotor; ``harmonics`` n
+    of the cycle of each order that the scene gives.
     """
 
     names: tuple[str, ...]
     disk: tuple[int, ...]
-    own: tuple[bool, ...]
+    of_own_rotor: tuple[bool, ...]
     harmonics: Rows = per_cycle()
 
     def listed(self) -> Rows:
@@ -63,7 +63,7 @@ class Seats:
         return dataclasses.replace(self, **changed)
 
     def only(self, keep: Sequence[int], place: Mapping[int, int]) -> Self:
-        """Those of the elements ``keep``, on disks numbered anew: ``place[old]``."""
+        """Select the elements ``keep``, on disks numbered anew: ``place[old]``."""
         fields: dict[str, Any] = {
             declared.name: tuple(getattr(self, declared.name)[i] for i in keep)
             for declared in dataclasses.fields(self)

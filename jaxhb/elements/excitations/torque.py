@@ -124,15 +124,15 @@ class TorqueKind(Excitation):
         ratios: Sequence[float],
         cycle: float,
     ) -> Seats:
-        own = tuple(torque.orders_of == "own" for torque in elements)
+        of_own_rotor = tuple(torque.orders_of == "own" for torque in elements)
         turns = [
             (ratio if is_own else 1.0) * cycle
-            for is_own, ratio in zip(own, ratios, strict=True)
+            for is_own, ratio in zip(of_own_rotor, ratios, strict=True)
         ]
         return Seats(
             names=tuple(names),
             disk=tuple(disks),
-            own=own,
+            of_own_rotor=of_own_rotor,
             harmonics=harmonics_of([torque.harmonics for torque in elements], turns),
         )
 

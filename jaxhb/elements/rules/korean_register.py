@@ -88,7 +88,7 @@ def _rule(
         source=f"{SOURCE}{paragraph}",
         limits=partial(limits, form, passed),
         highest=highest,
-        asked=ASKED,
+        required=ASKED,
         passed=passed,
         corners=(passed, 1.0, highest),
         note=NOTE,

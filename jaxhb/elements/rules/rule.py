@@ -36,7 +36,7 @@ class Rule:
     limits : function of a :class:`Section` and the speeds ``(...)`` over the rated
         speed: continuous and transient limits ``(...)`` Pa, whatever ``highest`` is
     highest : float, share of the rated speed up to which it has limits
-    asked : float, share of the rated speed up to which it requires stresses
+    required : float, share of the rated speed up to which it requires stresses
     passed : float, share of the rated speed above which it accepts no barred range
     corners : tuple of float, shares at which a limit has a step or a corner
     note : str, what readers of a table are told of it; ``{source}``, ``{rated}`` rpm
@@ -51,7 +51,7 @@ class Rule:
     source: str
     limits: Callable[[Section, Array], tuple[Array, Array]]
     highest: float
-    asked: float
+    required: float
     passed: float
     corners: tuple[float, ...]
     note: str

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from jaxhb.design.identification import Identification
     from jaxhb.design.worst_case import Spread
     from jaxhb.report.figures.draw import Picture
-    from jaxhb.report.text.forced import Reading, WorstMisfire
+    from jaxhb.report.text.forced import ElementReading, WorstMisfire
 
 ASTRIDE = 1e-9  # share of a speed by which it is left or right of a step
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
@@ -339,7 +339,7 @@ MOST = 4  # elements, or orders, in one picture
 
 def plot_forced(
     cases: Mapping[str, ForcedResponse],
-    elements: Sequence[Reading],
+    elements: Sequence[ElementReading],
     worst: Mapping[str, WorstMisfire] | None = None,
 ) -> Picture:
     """Draw half peak-to-peak, sum of amplitudes and the largest orders of up to four
@@ -384,12 +384,12 @@ def plot_forced(
 
 def orders_figure(
     response: ForcedResponse,
-    element: Reading,
+    element: ElementReading,
     misfires: Mapping[str, ForcedResponse],
     title: str = "",
 ) -> Figure:
-    """Make the figure of synthesis, sum and main orders of an element, a Reading, over
-    the speed; gaps and crosses without an answer.
+    """Make the figure of synthesis, sum and main orders of an element, an
+    ElementReading, over the speed; gaps and crosses without an answer.
 
     misfires : responses by title, whose half peak-to-peak stands beside it; title : of
     the case
@@ -440,7 +440,7 @@ def orders_figure(
     )
 
 
-def hardest_elements(elements: Sequence[Reading]) -> list[Reading]:
+def hardest_elements(elements: Sequence[ElementReading]) -> list[ElementReading]:
     """Return the shaft and the mesh with the largest half peak-to-peak, without either
     the disk.
     """

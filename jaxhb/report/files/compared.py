@@ -14,7 +14,7 @@ from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength
 from jaxhb.report.answer import Answer
 from jaxhb.report.quantities import number
-from jaxhb.report.text.forced import Reading
+from jaxhb.report.text.forced import ElementReading
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.results.quantities import WORKED, names_of, variables_of
 
@@ -66,7 +66,7 @@ def of_answers(answers: Iterable[Answer], case: str = "") -> list[Compared]:
 
 def of_forced(
     cases: Mapping[str, ForcedResponse],
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
 ) -> list[Compared]:
     """Compared numbers of linear forced responses by the cylinder that does not fire,

@@ -58,8 +58,10 @@ def differences(
     if rows:
         heads = ["parameter of the scene", "first design", "second", "unit"]
         return [table("What differs between the designs", rows, heads)]
-    others = _fixed(second)
-    unlike = [name for name, value in _fixed(first).items() if value != others[name]]
+    second_fixed = _fixed(second)
+    unlike = [
+        name for name, value in _fixed(first).items() if value != second_fixed[name]
+    ]
     if unlike:
         return [
             "Same parameters, tables and words of the elements, in another order or"

@@ -23,7 +23,7 @@ from jaxhb.report.orders import order_names
 from jaxhb.report.page.parts import Block, Heading, Report
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import (
-    Reading,
+    ElementReading,
     WorstMisfire,
     forced_failures,
     misfire_tables,
@@ -174,7 +174,7 @@ def forced(report: Report) -> list[Block]:
 def _worst(
     first: ForcedResponse,
     misfires: Mapping[str, ForcedResponse],
-    elements: Sequence[Reading],
+    elements: Sequence[ElementReading],
 ) -> dict[str, WorstMisfire] | None:
     """Find the worst misfire of every element by the titles of cases, as
     :func:`worst_of`; None where none has an answer.

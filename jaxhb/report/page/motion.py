@@ -167,7 +167,7 @@ def one_speed(report: Report) -> list[Block]:
     answers = {case.title: case.answers[report.place] for case in report.shown}
     first = report.cases[0].answers[report.place]
     why = "as asked for"
-    if not report.asked:
+    if not report.place_asked:
         called = quantities.main_quantity(report.train).called
         why = f"the speed of the largest {called} with {report.cases[0].title}"
     subject, subject_meshes = subject_of(first, report.gear)

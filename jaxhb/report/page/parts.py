@@ -44,11 +44,12 @@ class Report:
     """The answers for a page, and what else it shows.
 
     cases : the train as it runs, then with misfires, at the same speeds; place : number
-    of the speed that is shown in full, which the user may have ``asked`` for; gear :
-    whose torque is shown over the cycle; seconds : another design at the same speeds as
-    it runs, then with the misfire that is shown, if it can have it; tuning : words and
-    tables that tell how it was found; tolerances : figures, words and tables on the
-    effects of the tolerances of the scene; facts : where the page comes from;
+    of the speed that is shown in full, which the user may have asked for
+    (``place_asked``); gear : whose torque is shown over the cycle; seconds : another
+    design at the same speeds as it runs, then with the misfire that is shown, if it can
+    have it; tuning : words and tables that tell how it was found; tolerances : figures,
+    words and tables on the effects of the tolerances of the scene; facts : where the
+    page comes from;
     description, scene : the description in the scene, and its text; elements,
     second_elements : the elements of the scenes of both designs by name, see
     :func:`jaxhb.scene.writer.elements_of`; files : names of the files that torques and
@@ -57,7 +58,7 @@ class Report:
 
     cases: list[Case]
     place: int = 0
-    asked: bool = False
+    place_asked: bool = False
     gear: str | None = None
     seconds: list[Case] = field(default_factory=list)
     tuning: tuple = ()

@@ -63,7 +63,7 @@ with backlash.
 
 
 @dataclass(frozen=True)
-class Reading:
+class ElementReading:
     """One element of a :class:`jaxhb.ForcedResponse` of several speeds: its signal, the
     unit of that, and the heat.
     """
@@ -124,15 +124,15 @@ class Reading:
             else self.name
         )
 
-    def of(self, response: Response) -> Reading:
+    def of(self, response: Response) -> ElementReading:
         """The same element of another response."""
-        return Reading(response, self.name, self.kind)
+        return ElementReading(response, self.name, self.kind)
 
     def swing(self, response: Response) -> Array:
         """Half peak-to-peak ``(n,)`` of the same element in another response."""
         return self.of(response).signal.half_peak_to_peak
 
-    def at(self, speeds: Array) -> Reading:
+    def at(self, speeds: Array) -> ElementReading:
         """The same at some of the speeds, a mask ``(n,)``."""
         return self.of(self.response[np.flatnonzero(speeds)])
 
@@ -157,9 +157,11 @@ class Reading:
         return np.sort(places[np.argsort(-largest[places], kind="stable")[:SHOWN]])
 
 
-def readings(response: ForcedResponse, names: Sequence[str] = ()) -> list[Reading]:
-    """A :class:`Reading` of each element named (of a damper its link) or of all;
-    ``SceneError`` of other names.
+def readings(
+    response: ForcedResponse, names: Sequence[str] = ()
+) -> list[ElementReading]:
+    """An :class:`ElementReading` of each element named (of a damper its link) or of
+    all; ``SceneError`` of other names.
     """
     topology = response.topology
     elements = [
@@ -178,12 +180,12 @@ def readings(response: ForcedResponse, names: Sequence[str] = ()) -> list[Readin
         if errors:
             raise SceneError(errors)
         elements = [(name, kinds[name]) for name in dict.fromkeys(names)]
-    return [Reading(response, name, kind) for name, kind in elements]
+    return [ElementReading(response, name, kind) for name, kind in elements]
 
 
 def forced_text(
     cases: Mapping[str, ForcedResponse],
-    chosen: Sequence[Reading],
+    chosen: Sequence[ElementReading],
     worst: Mapping[str, WorstMisfire] | None = None,
     *,
     each: bool,
@@ -220,7 +222,7 @@ def forced_text(
     return "\n\n".join(parts)
 
 
-def _speed_table(reading: Reading, converged: np.ndarray) -> Table:
+def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
     """One element speed by speed; nan where a speed has not converged."""
     signal = reading.signal
     places = reading.main()
@@ -251,7 +253,9 @@ def _speed_table(reading: Reading, converged: np.ndarray) -> Table:
     )
 
 
-def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[Table]:
+def worst_tables(
+    response: ForcedResponse, readings: Sequence[ElementReading]
+) -> list[Table]:
     """The largest half peak-to-peak, sum and amplitude of each element over the speeds
     that have an answer, and where they are: a table for each kind of element.
     """
@@ -296,7 +300,7 @@ def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[
     return tables
 
 
-def by_kind(readings: Sequence[Reading]) -> list[list[Reading]]:
+def by_kind(readings: Sequence[ElementReading]) -> list[list[ElementReading]]:
     """Readings of disks, of shafts and of meshes, of those that there are."""
     lists = (
         [reading for reading in readings if reading.kind == kind] for kind in KINDS
@@ -305,7 +309,7 @@ def by_kind(readings: Sequence[Reading]) -> list[list[Reading]]:
 
 
 def _over_speeds(
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     caption: str,
     columns: Sequence[Column | str],
     rows: Sequence[Sequence[Any]],
@@ -319,7 +323,7 @@ def _over_speeds(
 
 def forced_record(
     cases: Mapping[str, ForcedResponse],
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
     worst: Mapping[str, WorstMisfire] | None = None,
     *,
@@ -350,7 +354,7 @@ def forced_record(
 
 
 def _record(
-    response: ForcedResponse, readings: Sequence[Reading], orders: float | None
+    response: ForcedResponse, readings: Sequence[ElementReading], orders: float | None
 ) -> dict[str, Any]:
     """The record of one train; orders up to ``orders``."""
     gapped = with_gaps(response)
@@ -364,7 +368,7 @@ def _record(
             for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")
         }
 
-    def of_element(reading: Reading) -> dict[str, Any]:
+    def of_element(reading: ElementReading) -> dict[str, Any]:
         signal = reading.signal
         record = summary(signal) | {
             "amplitudes": signal.amplitudes[:, listed],
@@ -395,7 +399,7 @@ def _record(
 
 def forced_rows(
     cases: Mapping[str, ForcedResponse],
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
 ) -> list[dict[str, Any]]:
     """Rows of ``forced --csv`` by heads, one per speed, SI units; of several cases the
@@ -419,7 +423,7 @@ def forced_rows(
 
 def _columns(
     response: ForcedResponse,
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     strength_columns: Mapping[str, Array],
 ) -> dict[str, Any]:
     """Columns ``(n,)`` of the rows of one train by heads, None where a speed has not
@@ -455,7 +459,7 @@ def forced_failures(response: ForcedResponse, case: str = "") -> list[str]:
     """
     title = f"{response.topology.title}, {case}," if case else response.topology.title
     return left_out(
-        response.rpm, response.status, title, kept=response.converged, advice=ADVICE
+        response.rpm, response.status, title, answered=response.converged, advice=ADVICE
     )
 
 
@@ -472,7 +476,7 @@ class WorstMisfire(Worst):
 
 def worst_of(
     cases: Mapping[str, ForcedResponse],
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
 ) -> dict[str, WorstMisfire]:
     """The :class:`WorstMisfire` of each element; ``strengths`` as of
@@ -509,8 +513,8 @@ def worst_of(
 
 
 def hardest_of(
-    readings: Sequence[Reading], worst: Mapping[str, WorstMisfire]
-) -> Reading:
+    readings: Sequence[ElementReading], worst: Mapping[str, WorstMisfire]
+) -> ElementReading:
     """The element that its worst misfire brings nearest to a limit, or beyond; without
     limits that which swings most, of the meshes, without any of the shafts, else of the
     disks.
@@ -568,7 +572,7 @@ def critical_misfire_text(
 
 def _misfire_parts(
     cases: Mapping[str, ForcedResponse],
-    readings: Sequence[Reading],
+    readings: Sequence[ElementReading],
     worst: Mapping[str, WorstMisfire],
     each: bool,
 ) -> Iterator[str]:
@@ -607,7 +611,7 @@ def _misfire_parts(
 
 
 def misfire_tables(
-    readings: Sequence[Reading], worst: Mapping[str, WorstMisfire], firing: str
+    readings: Sequence[ElementReading], worst: Mapping[str, WorstMisfire], firing: str
 ) -> Iterator[Table]:
     """The misfire that governs each element, a table for each kind of element;
     ``firing`` is the title of the train without a misfire.
@@ -651,7 +655,7 @@ def misfire_tables(
 
 
 def _worst_record(
-    reading: Reading, worst: Mapping[str, WorstMisfire]
+    reading: ElementReading, worst: Mapping[str, WorstMisfire]
 ) -> dict[str, Any]:
     """The record of the worst misfire of an element."""
     misfire = worst[reading.name]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxhb._jax import Number
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
-from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, Axis
+from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, SweepAxis
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
@@ -210,7 +210,7 @@ def speeds_text(answers: Sequence[Answer]) -> str:
     return _places([answer.place for answer in answers], answers[0].axis)
 
 
-def _places(places: Iterable[float], axis: Axis) -> str:
+def _places(places: Iterable[float], axis: SweepAxis) -> str:
     """Places on an axis in words, the first of many."""
     numbers = [f"{place:g}" for place in sorted(set(places))]
     rest = len(numbers) - SHOWN_SPEEDS
@@ -363,7 +363,9 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
     return sentences
 
 
-def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> list[str]:
+def once_alike(
+    notes_of: Iterable[tuple[float, str]], axis: SweepAxis = SPEED
+) -> list[str]:
     """Notes (place on the axis, text), once for those that differ in values alone, as
     it stands at the lowest place.
     """

@@ -323,7 +323,9 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" no limit: NOT judged{largest_there}."
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
-        speed = f"{RULES[rule].asked:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
+        speed = (
+            f"{RULES[rule].required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
+        )
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
             if reach.known_to_rpm
