@@ -185,7 +185,7 @@ def test_a_file_name_that_no_system_has_is_a_sentence(tmp_path):
     torque = '[[torque]]\ndisk = "a"\nharmonics = "\\u0000"\n'
     assert refusal(tmp_path, SOUND + torque).sentences == (
         (
-            r"gears.toml, [[torque]] no. 1: harmonics: there is no file '\x00' beside"
-            r" the scene. Correct the name."
+            r"gears.toml, [[torque]] no. 1: harmonics: there is no file '\x00' in the"
+            r" folder of the scene. Correct the name."
         ),
     )
