@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Generic, ParamSpec, TypeVar
 from weakref import WeakSet
 
 import jax
@@ -45,6 +45,10 @@ are counted again.
 """
 
 
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+
 @dataclass(frozen=True)
 class Key:
     """Everything that decides which executable a call runs.
@@ -72,7 +76,7 @@ class Call:
     key: Key
 
 
-class Program:
+class Program(Generic[Parameters, Result]):
     """``jax.jit`` of a function. Only an outermost program has options, and a place in
     the store on disk.
     """
@@ -80,7 +84,11 @@ class Program:
     __name__: str
     __qualname__: str
 
-    def __init__(self, function: Callable, static_argnames: str | Sequence[str] = ()):
+    def __init__(
+        self,
+        function: Callable[Parameters, Result],
+        static_argnames: str | Sequence[str] = (),
+    ):
         self.function = function
         self.signature = inspect.signature(function)
         self.static = (
@@ -92,7 +100,7 @@ class Program:
         update_wrapper(self, function)
         _programs.add(self)
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
         _jax.check_settings()
         if _jax.debugging():
             with _jax.not_debugging():
@@ -215,8 +223,10 @@ class Program:
         )
 
     def _trace(self, call: Call) -> Any:
+        by_name: Callable[..., Any] = self.function
+
         def function(arrays: Mapping[str, Any]) -> Any:
-            return self.function(**arrays, **call.static)
+            return by_name(**arrays, **call.static)
 
         function.__name__ = self.__name__
         # Without a store jax's cache has what other versions made, which is never

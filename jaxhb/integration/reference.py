@@ -200,7 +200,8 @@ def reference_orbit(
             " speed."
         )
     has_start = start_coefficients is not None
-    newton_steps = 0
+    newton_steps: int | Array = 0
+    cycles_marched: int | Array = 0
     if has_start:
         steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
@@ -208,12 +209,12 @@ def reference_orbit(
         state, trace, newton_steps = _close(
             stepper, system, load, jnp.asarray(start_coefficients), tolerance
         )
-        cycles = 0
     else:
+        assert stepper.flank_state is not None  # a stepper of one speed
         # No cycle closes to less than nothing: exactly so many are marched.
         closing_tolerance = tolerance if cycles is None else -1.0
         most_cycles = max_cycles if cycles is None else cycles
-        state, trace, cycles = _march(
+        state, trace, cycles_marched = _march(
             stepper,
             stepper.flank_state,
             tolerance=closing_tolerance,
@@ -240,14 +241,14 @@ def reference_orbit(
         separated=backlash.separated(law, deflection).mean(axis=1),
         periodicity_error=float(trace.periodicity_error),
         settled=bool(trace.periodicity_error <= tolerance),
-        cycles=int(cycles),
+        cycles=int(cycles_marched),
         newton_steps=int(newton_steps),
         state=np.asarray(state),
         stepper=stepper,
     )
 
 
-def _between(l: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:
+def _between(l: Array, rate: Array, dt: float) -> np.ndarray:
     """Deflections ``(G, 16 steps)`` m on the cubics through l and l' at the samples
     ``(G, steps)``.
     """

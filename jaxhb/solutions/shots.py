@@ -100,20 +100,22 @@ def reduced_stepper(train: DriveTrain, rpm: float, plan: Plan) -> Stepper:
     stepper, response, variation = _equations(
         problem, plan.active_meshes, plan.time_steps
     )
+
     # Room for the most steps, the number in use traced: one program for all numbers of
     # steps that follow the modes of the teeth, and one for all that do not: the static
     # response of the rest doubles the time of a step.
-    rows: list[np.ndarray | None] = []
-    for coefficients in (response, variation):
-        if coefficients is None:
-            rows.append(None)
-        else:
-            padded = np.zeros((2 * CAPACITY, len(coefficients)))
-            padded[: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
-            rows.append(padded)
+    def padded(coefficients: Array) -> np.ndarray:
+        rows = np.zeros((2 * CAPACITY, len(coefficients)))
+        rows[: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
+        return rows
+
     stepper = replace(
-        stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps)
+        stepper,
+        linear=padded(response),
+        variation=None if variation is None else padded(variation),
+        count=np.array(plan.time_steps),
     )
+    assert stepper.residual_flexibility is not None  # of the reduced model
     flexible = (
         np.abs(np.diag(stepper.residual_flexibility))
         * np.asarray(stepper.law.stiffness)
