@@ -203,8 +203,8 @@ def _tables(answer: Answer) -> Iterator[Table]:
         )
         yield from peak_table(answer)
         yield element_table(
-            "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
-            " not drive), impacts a cycle",
+            "Contact, % of the time (separated: in the gap; reverse: on the flank that"
+            " does not drive), impacts a cycle",
             "mesh",
             [*_listed("mesh"), Column("driven by", str, _driver)],
             answer,
