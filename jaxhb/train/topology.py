@@ -128,7 +128,11 @@ class Topology:
 
     def seats_of(self, table: str) -> Seats:
         """Elements of a kind of excitation, as far as they are fixed."""
-        return self.excitations[list(EXCITATIONS).index(table)]
+        return self._seats[table]
+
+    @cached_property
+    def _seats(self) -> dict[str, Seats]:
+        return dict(zip(EXCITATIONS, self.excitations, strict=True))
 
     @property
     def torque_names(self) -> tuple[str, ...]:
