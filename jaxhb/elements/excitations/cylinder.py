@@ -61,11 +61,11 @@ MOST_PRESSURES = 1000
 @dataclass(frozen=True, kw_only=True)
 class CylinderSeats(GasCycles, Seats):
     """Gas cycles of the cylinders; ``harmonics`` are those of prescribed gas torques,
-    ``step`` the harmonics of the cycle per harmonic of the gas
-    cycle, or of all ``every`` (0 where no pressure is given), and ``turn`` per order of
-    its own rotor; ``gas`` and ``inertia`` how many harmonics of the gas cycle and how
-    many orders of the own rotor are computed; ``series`` whether the inertia torque is
-    that of the short series.
+    ``step`` the harmonics of the cycle per harmonic of the gas cycle, or of all
+    ``every`` (0 where no pressure is given), and ``turn`` per order of its own rotor;
+    ``gas`` and ``inertia`` how many harmonics of the gas cycle and how many orders of
+    the own rotor are computed; ``series`` whether the inertia torque is that of the
+    short series.
     """
 
     step: tuple[int, ...] = per_cycle()
@@ -172,7 +172,7 @@ class CylinderKind(Excitation):
     ) -> CylinderSeats:
         turns = [rounded(ratio * cycle) for ratio in ratios]
         columns: dict[str, list[Any]] = {
-            name: [] for name in ("step", "gas", "inertia")
+            name: [] for name in ("revolutions", "step", "gas", "inertia")
         }
         for cylinder, turn in zip(elements, turns, strict=True):
             is_computed = source(cylinder) is not None
@@ -187,6 +187,7 @@ class CylinderKind(Excitation):
             # 1e-9 keeps a product that rounds below a whole number.
             of_gas = math.floor(orders * revolutions * cylinder.fires_every + 1e-9)
             moves = has_crank and whole(turn)
+            columns["revolutions"].append(revolutions)
             columns["step"].append(round(turn / span) if is_computed else 0)
             columns["gas"].append(of_gas if is_computed else 0)
             columns["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
@@ -197,7 +198,6 @@ class CylinderKind(Excitation):
             source=tuple(map(source_word, elements)),
             fires=tuple(cylinder.fires for cylinder in elements),
             cut_off=(False,) * len(elements),
-            revolutions=tuple(map(gas_revolutions, elements)),
             every=tuple(int(cylinder.fires_every) for cylinder in elements),
             harmonics=harmonics_of(
                 [cylinder.gas_torque or () for cylinder in elements], turns
@@ -435,7 +435,6 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
         combustion.charge_over_load or combustion.charge_over_rpm
         for combustion in combustions
     ]
-    has_factors = any(tables)
     numbers = {
         name: np.array(
             [float(getattr(combustion, name) or 0.0) for combustion in combustions]
@@ -450,11 +449,8 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
             charge_by.append("rpm" if combustion.charge_over_rpm else "")
     charge_at = None
     charge_factor = None
-    if has_factors:
-        charge_at = gas.padded(
-            [[position for position, _ in rows or ((0.0, 1.0),)] for rows in tables]
-        )
-        charge_factor = padded(tables, (0.0, 1.0))[..., 1].copy()
+    if any(tables):
+        charge_at, charge_factor = _on_grids(tables)
     return Combustions(
         seats=seats,
         revolutions=tuple(gas_revolutions(cylinders[i]) for i in seats),
@@ -470,9 +466,17 @@ def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:
     """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
     if not any(source(cylinder) in ("traces", "combustion") for cylinder in cylinders):
         return {"load_rpm": None, "load_share": None}
-    rows = [cylinder.load or ((0.0, 1.0),) for cylinder in cylinders]
-    rpm = gas.padded([[speed for speed, _ in row] for row in rows])
-    return {"load_rpm": rpm, "load_share": padded(rows, (0.0, 1.0))[..., 1].copy()}
+    rpm, share = _on_grids([cylinder.load for cylinder in cylinders])
+    return {"load_rpm": rpm, "load_share": share}
+
+
+def _on_grids(tables: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and factors [n, L] of tables of (position, factor); the factor is 1
+    without a table.
+    """
+    rows = [table or ((0.0, 1.0),) for table in tables]
+    grids = gas.padded([[position for position, _ in row] for row in rows])
+    return grids, padded(rows, (0.0, 1.0))[..., 1].copy()
 
 
 EXCITATION = CylinderKind()
