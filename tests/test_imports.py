@@ -62,8 +62,8 @@ def imported_modules(path):
             names += [f"{module}.{alias.name}" for alias in node.names]
     for name in names:
         parts = name.split(".")
-        known = (".".join(parts[:size]) for size in range(len(parts), 0, -1))
-        yield from [module for module in known if module in MODULES][:1]
+        prefixes = (".".join(parts[:size]) for size in range(len(parts), 0, -1))
+        yield from [module for module in prefixes if module in MODULES][:1]
 
 
 def room_of(module):

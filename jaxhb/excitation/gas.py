@@ -9,7 +9,6 @@ are taken of these once, for all speeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from jaxhb._jax import Array, Number, namespace
 from jaxhb.excitation.combustion import NUMBERS, pressures, unburnt
 from jaxhb.excitation.compression import unburnt_table
 from jaxhb.excitation.crank import slider_crank
-from jaxhb.excitation.tables import COMPUTED, Combustions, Cylinders, GasCycles
+from jaxhb.excitation.tables import Combustions, Cylinders, GasCycles
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 # Speed or load of points that fill up a grid: interpolation never reaches them
@@ -30,45 +29,6 @@ at constant speed: see ``docs/reference/excitation.md``.
 """
 
 
-class GasSources(Protocol):
-    """Sources of a gas torque: the keys of a ``[[cylinder]]`` or an
-    ``[engine]``, of which one is set.
-    """
-
-    @property
-    def pressure(self) -> tuple | None: ...
-    @property
-    def traces(self) -> tuple | None: ...
-    @property
-    def combustion(self) -> StrokeCycle | None: ...
-    @property
-    def gas_torque(self) -> tuple | None: ...
-    @property
-    def gas_torque_mean(self) -> float | None: ...
-
-
-class StrokeCycle(Protocol):
-    """A combustion, as far as it says how long a gas cycle lasts."""
-
-    @property
-    def stroke_cycle(self) -> float: ...
-
-
-def source(cylinder: GasSources) -> str | None:
-    """Name the field that the gas torque of a cylinder is computed from, None where it
-    is not computed.
-    """
-    return next((key for key in COMPUTED if getattr(cylinder, key)), None)
-
-
-def source_word(cylinder: GasSources) -> str:
-    """Name the :func:`source` as a word: "harmonics" of a prescribed gas torque, "none"
-    where there is none.
-    """
-    prescribed = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    return source(cylinder) or ("harmonics" if prescribed else "none")
-
-
 def is_four_stroke(rows: Sequence[Sequence[float]] | np.ndarray) -> bool:
     """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it
     extends beyond 360 deg.
@@ -76,18 +36,6 @@ def is_four_stroke(rows: Sequence[Sequence[float]] | np.ndarray) -> bool:
     angle = np.asarray(rows, dtype=np.float64)[:, 0]
     longest = 360.0 + 1e-9
     return bool(angle[-1] - angle[0] > longest or np.abs(angle).max() > longest)
-
-
-def gas_revolutions(cylinder: GasSources) -> int:
-    """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is
-    not computed.
-    """
-    if source(cylinder) == "combustion" and cylinder.combustion is not None:
-        return int(cylinder.combustion.stroke_cycle) // 2
-    rows = cylinder.pressure or (
-        cylinder.traces[0].pressure if cylinder.traces else None
-    )
-    return 2 if rows and is_four_stroke(rows) else 1
 
 
 def gas_cycle(

@@ -1,4 +1,4 @@
-"""Mean torques, gas pressures and scales at a speed, in NumPy or JAX; scenes are
+"""Mean gas torques, gas pressures and scales at a speed, in NumPy or JAX; scenes are
 checked by them, without jax.
 """
 
@@ -17,21 +17,16 @@ from jaxhb.excitation.tables import Cylinders, GasCycles
 def scale_at(table: Any, rpm: Number) -> Array:
     """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
     and constant outside them.
-
-    That of torques with a rated speed is multiplied by the power of the speed.
     """
-    factor: Array
     if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
         import jax
         import jax.numpy as jnp
 
         interpolate = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
-        factor = interpolate(rpm, table.scale_rpm, table.scale_factor)
-    else:
-        points = zip(table.scale_rpm, table.scale_factor, strict=True)
-        rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
-        factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
-    return factor
+        return interpolate(rpm, table.scale_rpm, table.scale_factor)
+    points = zip(table.scale_rpm, table.scale_factor, strict=True)
+    rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
+    return np.reshape(rows, (len(rows), *np.shape(rpm))).T
 
 
 def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:

@@ -213,8 +213,8 @@ def _locate(train: TrainArrays, key: str) -> tuple[str, str, int]:
 
 
 def _vector(train: TrainArrays, table: str, field: str) -> Any:
-    """A field of a table over its elements; gas factors and injections that the scene
-    does not give are 1.
+    """A field of a table over its elements; numbers that are 1 where the scene does not
+    give them, as gas factors, are ones.
     """
     numbers = train.table(table)
     outer, _, inner = field.rpartition(".")

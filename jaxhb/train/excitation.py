@@ -1,9 +1,9 @@
 """Excitation: the torques of all kinds of excitation and of loads as harmonics of the
 cycle. Pure functions on arrays.
 
-Coefficients are those of T(t) =
-sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in Re(A exp(i n Omega t)) gives T^n =
-A/2. The number of operations does not grow with the number of elements.
+Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in
+Re(A exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with the
+number of elements.
 """
 
 from __future__ import annotations
@@ -120,6 +120,8 @@ def _excitation(
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     torque = xp.zeros((*speed.shape, topology.n_disks, harmonics + 1), dtype=complex)
     for k, (kind, numbers, seats) in enumerate(train.excited()):
+        if not seats.disk:
+            continue
         disks = np.array(seats.disk, dtype=int)
         means = kind.means(numbers, seats, speed)
         torque = added(torque, (..., disks, 0), means)

@@ -255,9 +255,7 @@ def _names_text(names: Sequence[str]) -> str:
 def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
     number = train.topology.cylinder_names.index(cylinder)
-    return train.topology.cylinders.cut_off[number] or _is_zero(
-        train.cylinders.gas_factor, number
-    )
+    return _computed(train, number) == CUT_OFF
 
 
 def _computed(train: TrainArrays, number: int) -> str:

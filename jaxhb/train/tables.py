@@ -167,10 +167,9 @@ class TrainArrays:
 
     def excited(self) -> list[tuple[Excitation, Any, Any]]:
         """Kinds of excitation, each with its numbers and its seats."""
-        seats = self.topology.excitations
         return [
-            (kind, self.excitations[table], seats[k])
-            for k, (table, kind) in enumerate(EXCITATIONS.items())
+            (kind, self.excitations[table], self.topology.seats_of(table))
+            for table, kind in EXCITATIONS.items()
         ]
 
 

@@ -28,19 +28,17 @@ class Topology:
 
     Disk indices run over the disks of the scene and then over the rings of the dampers.
     Links are the shafts, then the dampers (from the disk they sit on to the ring), then
-    the meshes. ``load_harmonics``
-    hold the harmonics n of the cycle of each given order, as do
-    ``mesh_stiffness_orders``, .. ``mesh_second_gear_error``; ``mesh_periods`` of each
-    cycle, 0 where none are needed. ``excitations`` are the :class:`Seats` of each kind
-    of excitation. ``rotor_path`` holds for each
-    rotor the pairs (driving disk, driven disk) that lead to it from the reference
-    rotor. ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary
-    over the frequency, over their amplitude and with the speed. ``springs`` are what
-    acts beside the stiffness of shafts and dampers: (link, "clearance", "stages",
-    "stops" or "friction", row). ``shaft_rules`` name the limits of each shaft.
-    ``phase_members`` are the elements of each kind
-    of excitation that each phase turns, ``phase_turn`` the harmonics of the cycle per
-    order of their rotor. ``link_keys`` names for each
+    the meshes. ``load_harmonics`` hold the harmonics n of the cycle of each given
+    order, as do ``mesh_stiffness_orders``, .. ``mesh_second_gear_error``;
+    ``mesh_periods`` of each cycle, 0 where none are needed. ``excitations`` are the
+    :class:`Seats` of each kind of excitation. ``rotor_path`` holds for each rotor the
+    pairs (driving disk, driven disk) that lead to it from the reference rotor.
+    ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary over
+    the frequency, over their amplitude and with the speed. ``springs`` are what acts
+    beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
+    "friction", row). ``shaft_rules`` name the limits of each shaft. ``phase_members``
+    are the elements of each kind of excitation that each phase turns, ``phase_turn``
+    the harmonics of the cycle per order of their rotor. ``link_keys`` names for each
     link which of the keys that may be absent it has; empty where no link has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
@@ -128,7 +126,11 @@ class Topology:
 
     def seats_of(self, table: str) -> Seats:
         """Elements of a kind of excitation, as far as they are fixed."""
-        return self.excitations[list(EXCITATIONS).index(table)]
+        return self._seats[table]
+
+    @cached_property
+    def _seats(self) -> dict[str, Seats]:
+        return dict(zip(EXCITATIONS, self.excitations, strict=True))
 
     @property
     def torque_names(self) -> tuple[str, ...]:

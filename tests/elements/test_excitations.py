@@ -111,7 +111,7 @@ angle = 15.0
 "drive.ripple" = 9.0
 """
 
-ASKED = """
+CHECKS = """
 import sys
 from pathlib import Path
 
@@ -163,5 +163,5 @@ def test_a_file_in_the_folder_of_excitations_is_a_kind_that_scenes_may_hold(tmp_
     scene = tmp_path / "mill.toml"
     scene.write_text(SCENE)
     subprocess.run(
-        [sys.executable, "-c", ASKED, str(scene)], cwd=tmp_path, check=True, timeout=60
+        [sys.executable, "-c", CHECKS, str(scene)], cwd=tmp_path, check=True, timeout=60
     )

@@ -1,4 +1,6 @@
-"""Cylinders as the engineer writes them, and the checks of their keys."""
+"""Cylinders as the engineer writes them: their keys, where the gas torque comes from,
+and the checks of both.
+"""
 
 from __future__ import annotations
 
@@ -120,6 +122,33 @@ class Cylinder(CrankSlider):
     """
 
     disk: str = declared("disk")
+
+
+def source(cylinder: CrankSlider) -> str | None:
+    """Name the field that the gas torque of a cylinder is computed from, None where it
+    is not computed.
+    """
+    return next((key for key in COMPUTED if getattr(cylinder, key)), None)
+
+
+def source_word(cylinder: CrankSlider) -> str:
+    """Name the :func:`source` as a word: "harmonics" of a prescribed gas torque, "none"
+    where there is none.
+    """
+    prescribed = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
+    return source(cylinder) or ("harmonics" if prescribed else "none")
+
+
+def gas_revolutions(cylinder: CrankSlider) -> int:
+    """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is
+    not computed.
+    """
+    if source(cylinder) == "combustion" and cylinder.combustion is not None:
+        return int(cylinder.combustion.stroke_cycle) // 2
+    rows = cylinder.pressure or (
+        cylinder.traces[0].pressure if cylinder.traces else None
+    )
+    return 2 if rows and gas.is_four_stroke(rows) else 1
 
 
 def cylinder_errors(cylinder: Cylinder) -> list[str]:

@@ -25,6 +25,9 @@ from jaxhb.elements.excitations.crank_slider import (
     Combustion,
     Cylinder,
     cylinder_errors,
+    gas_revolutions,
+    source,
+    source_word,
 )
 from jaxhb.elements.excitations.kind import (
     Excitation,
@@ -58,11 +61,11 @@ MOST_PRESSURES = 1000
 @dataclass(frozen=True, kw_only=True)
 class CylinderSeats(GasCycles, Seats):
     """Gas cycles of the cylinders; ``harmonics`` are those of prescribed gas torques,
-    ``step`` the harmonics of the cycle per harmonic of the gas
-    cycle, or of all ``every`` (0 where no pressure is given), and ``turn`` per order of
-    its own rotor; ``gas`` and ``inertia`` how many harmonics of the gas cycle and how
-    many orders of the own rotor are computed; ``series`` whether the inertia torque is
-    that of the short series.
+    ``step`` the harmonics of the cycle per harmonic of the gas cycle, or of all
+    ``every`` (0 where no pressure is given), and ``turn`` per order of its own rotor;
+    ``gas`` and ``inertia`` how many harmonics of the gas cycle and how many orders of
+    the own rotor are computed; ``series`` whether the inertia torque is that of the
+    short series.
     """
 
     step: tuple[int, ...] = per_cycle()
@@ -104,7 +107,7 @@ class CylinderKind(Excitation):
         return cylinder_errors(element)
 
     def size_errors(self, elements: Sequence[Cylinder]) -> list[str]:
-        sources = [cylinder for cylinder in elements if gas.source(cylinder)]
+        sources = [cylinder for cylinder in elements if source(cylinder)]
         tables = len(sources) * max(
             (len(cylinder.traces) for cylinder in sources if is_list(cylinder.traces)),
             default=1,
@@ -125,7 +128,7 @@ class CylinderKind(Excitation):
             "gas_factor",
             "injection",
             "gas_torque_mean",
-            *(of_pressure if gas.source(element) else ()),
+            *(of_pressure if source(element) else ()),
         )
 
     def written_speeds(self, element: Cylinder, usable: Usable) -> Iterator[float]:
@@ -145,8 +148,8 @@ class CylinderKind(Excitation):
             return
         for order in sound_orders(element.gas_torque):
             yield f"order {order:g}", order * ratio, "gas_torque_mean"
-        if gas.source(element) and usable(*COMPUTED):
-            revolutions = gas.gas_revolutions(element)
+        if source(element) and usable(*COMPUTED):
+            revolutions = gas_revolutions(element)
             if usable("fires_every"):
                 revolutions *= int(element.fires_every)
             plural = "s" if revolutions > 1 else ""
@@ -169,11 +172,11 @@ class CylinderKind(Excitation):
     ) -> CylinderSeats:
         turns = [rounded(ratio * cycle) for ratio in ratios]
         columns: dict[str, list[Any]] = {
-            name: [] for name in ("step", "gas", "inertia")
+            name: [] for name in ("revolutions", "step", "gas", "inertia")
         }
         for cylinder, turn in zip(elements, turns, strict=True):
-            is_computed = gas.source(cylinder) is not None
-            revolutions = gas.gas_revolutions(cylinder)
+            is_computed = source(cylinder) is not None
+            revolutions = gas_revolutions(cylinder)
             # Of all gas cycles from one with injection to the next
             span = revolutions * cylinder.fires_every
             has_crank = cylinder.stroke is not None and cylinder.rod is not None
@@ -184,6 +187,7 @@ class CylinderKind(Excitation):
             # 1e-9 keeps a product that rounds below a whole number.
             of_gas = math.floor(orders * revolutions * cylinder.fires_every + 1e-9)
             moves = has_crank and whole(turn)
+            columns["revolutions"].append(revolutions)
             columns["step"].append(round(turn / span) if is_computed else 0)
             columns["gas"].append(of_gas if is_computed else 0)
             columns["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
@@ -191,10 +195,9 @@ class CylinderKind(Excitation):
             names=tuple(names),
             disk=tuple(disks),
             of_own_rotor=(True,) * len(elements),
-            source=tuple(map(gas.source_word, elements)),
+            source=tuple(map(source_word, elements)),
             fires=tuple(cylinder.fires for cylinder in elements),
             cut_off=(False,) * len(elements),
-            revolutions=tuple(map(gas.gas_revolutions, elements)),
             every=tuple(int(cylinder.fires_every) for cylinder in elements),
             harmonics=harmonics_of(
                 [cylinder.gas_torque or () for cylinder in elements], turns
@@ -346,17 +349,17 @@ def _without_effect(
     numbers: Cylinders, seats: CylinderSeats, field: str, index: int
 ) -> str:
     """Say why a number of a cylinder has no effect; empty where it has one."""
-    source = seats.source[index]
+    origin = seats.source[index]
     moves = seats.inertia[index] > 0
-    computed = source in COMPUTED
+    computed = origin in COMPUTED
     if (field in ("bore", "ambient_pressure") and not computed) or (
-        field == "pressure" and source != "pressure"
+        field == "pressure" and origin != "pressure"
     ):
         return (
             "it has no effect, as the cylinder has no pressure table. Build the scene"
             " with a pressure."
         )
-    if field in ("load_rpm", "load_share") and source not in (
+    if field in ("load_rpm", "load_share") and origin not in (
         "traces",
         "combustion",
     ):
@@ -374,9 +377,9 @@ def _without_effect(
                 " instead. Change that."
             )
     if field in ("gas_torque_mean", "gas_torque") and computed:
-        name = "pressure table" if source == "pressure" else source
+        name = "pressure table" if origin == "pressure" else origin
         return (
-            f"the gas torque comes from the {name}. Change {source}, or build the scene"
+            f"the gas torque comes from the {name}. Change {origin}, or build the scene"
             " without it."
         )
     if (field == "reciprocating_mass" and not moves) or (
@@ -393,7 +396,7 @@ def _without_effect(
 def _trace_table(cylinders: Sequence[Any]) -> Traces | None:
     """Collect the traces; None where no cylinder has any."""
     seats = tuple(
-        i for i, cylinder in enumerate(cylinders) if gas.source(cylinder) == "traces"
+        i for i, cylinder in enumerate(cylinders) if source(cylinder) == "traces"
     )
     if not seats:
         return None
@@ -418,9 +421,7 @@ def _trace_table(cylinders: Sequence[Any]) -> Traces | None:
 def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     """Collect the combustions; None where no cylinder has one."""
     seats = tuple(
-        i
-        for i, cylinder in enumerate(cylinders)
-        if gas.source(cylinder) == "combustion"
+        i for i, cylinder in enumerate(cylinders) if source(cylinder) == "combustion"
     )
     if not seats:
         return None
@@ -434,7 +435,6 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
         combustion.charge_over_load or combustion.charge_over_rpm
         for combustion in combustions
     ]
-    has_factors = any(tables)
     numbers = {
         name: np.array(
             [float(getattr(combustion, name) or 0.0) for combustion in combustions]
@@ -449,14 +449,11 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
             charge_by.append("rpm" if combustion.charge_over_rpm else "")
     charge_at = None
     charge_factor = None
-    if has_factors:
-        charge_at = gas.padded(
-            [[position for position, _ in rows or ((0.0, 1.0),)] for rows in tables]
-        )
-        charge_factor = padded(tables, (0.0, 1.0))[..., 1].copy()
+    if any(tables):
+        charge_at, charge_factor = _on_grids(tables)
     return Combustions(
         seats=seats,
-        revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
+        revolutions=tuple(gas_revolutions(cylinders[i]) for i in seats),
         by_work=tuple(combustion.imep is not None for combustion in combustions),
         charge_by=tuple(charge_by),
         charge_at=charge_at,
@@ -467,13 +464,19 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
 
 def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:
     """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
-    if not any(
-        gas.source(cylinder) in ("traces", "combustion") for cylinder in cylinders
-    ):
+    if not any(source(cylinder) in ("traces", "combustion") for cylinder in cylinders):
         return {"load_rpm": None, "load_share": None}
-    rows = [cylinder.load or ((0.0, 1.0),) for cylinder in cylinders]
-    rpm = gas.padded([[speed for speed, _ in row] for row in rows])
-    return {"load_rpm": rpm, "load_share": padded(rows, (0.0, 1.0))[..., 1].copy()}
+    rpm, share = _on_grids([cylinder.load for cylinder in cylinders])
+    return {"load_rpm": rpm, "load_share": share}
+
+
+def _on_grids(tables: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and factors [n, L] of tables of (position, factor); the factor is 1
+    without a table.
+    """
+    rows = [table or ((0.0, 1.0),) for table in tables]
+    grids = gas.padded([[position for position, _ in row] for row in rows])
+    return grids, padded(rows, (0.0, 1.0))[..., 1].copy()
 
 
 EXCITATION = CylinderKind()

@@ -24,7 +24,7 @@ SOURCE = (
 CAP = 835e6
 """Tensile strength in Pa beyond which the rules leave the limit to the society."""
 
-ASKED = 1.2
+REQUIRED = 1.2
 """Share of the rated speed up to which 102 requires the stresses."""
 
 NOTE = (
@@ -88,7 +88,7 @@ def _rule(
         source=f"{SOURCE}{paragraph}",
         limits=partial(limits, form, passed),
         highest=highest,
-        required=ASKED,
+        required=REQUIRED,
         passed=passed,
         corners=(passed, 1.0, highest),
         note=NOTE,

@@ -16,12 +16,13 @@ import numpy as np
 
 from jaxhb._jax import Number, on_host, refuse_tracers
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
+from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.rules import RULES
 from jaxhb.excitation import gas
-from jaxhb.excitation.mean_torques import gas_pressures
+from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques
 from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
-from jaxhb.train.excitation import mean_torques, speeds as speeds_of
+from jaxhb.train.excitation import speeds as speeds_of
 from jaxhb.train.kinematics import tooth_damping_ratios
 
 if TYPE_CHECKING:
@@ -337,8 +338,8 @@ def compressors(train: DriveTrain) -> set[int]:
     peaks_before = (
         (angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])
     ).all(axis=0)
-    means = mean_torques(train, speeds)
-    takes_power = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
+    means = mean_gas_torques(train.cylinders, topology.cylinders, speeds)
+    takes_power = (means < 0.0).all(axis=0)
     return set(
         np.flatnonzero(one_revolution & computed & peaks_before & takes_power).tolist()
     )
@@ -384,13 +385,14 @@ def _drives(train: DriveTrain) -> Iterator[Note]:
     topology = train.topology
     if not any(topology.cylinders.fires):
         return
-    means = mean_torques(train, speeds_of(train))
-    count = len(topology.torque_names)
+    speeds = speeds_of(train)
+    of_gas = mean_gas_torques(train.cylinders, topology.cylinders, speeds)
     # Cylinders that take power are those of a compressor, which a torque drives.
-    if not means[:, count:].sum(axis=1).max() > 0:
+    if not of_gas.sum(axis=1).max() > 0:
         return
+    means = EXCITATIONS["torque"].means(train.torques, topology.torques, speeds)
     for name, mean in zip(
-        topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True
+        topology.torque_names, means.max(axis=0, initial=0.0), strict=True
     ):
         if mean > 0:
             question = "what takes power has a negative mean"
