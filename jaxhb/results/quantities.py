@@ -143,10 +143,10 @@ class Variable:
     the element, without the unit; without : whether CSV files have it without backlash,
     too; compared : whether operating modes are compared in it, by size. "" : not there.
 
-    column : head in the table of its kind of element at one speed, in the unit for
-    people; way : how it is written there, a key of ``WAYS`` of
-    :mod:`jaxhb.report.text.columns`, or a word that columns with the same decimals
-    share; called, title : in sentences, in titles of tables and figures
+    column : head in the table of its kind of element at one speed; way : how it is
+    written in tables, a key of ``WAYS`` of :mod:`jaxhb.report.text.columns`, "" for a
+    number in the unit for people; called, title : in sentences, in titles of tables and
+    figures
     """
 
     name: str
@@ -314,7 +314,6 @@ OF_ELEMENTS = (
         csv="heat",
         compared=True,
         column="heat W",
-        way="W",
         called="heat",
         title="Heat of dampers",
     ),
