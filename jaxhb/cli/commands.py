@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.operating_modes import compare
+from jaxhb.cli.operating_modes import EACH, compare
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Unfinished
 from jaxhb.report.answer import SPEED, Answer, SweepAxis
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from jaxhb.design.task import Reading
     from jaxhb.design.tuning import Tuning
     from jaxhb.results.dataset import Dataset
-
-EACH = "each"
 
 
 def solve(train: DriveTrain, arguments: cli.SolveOptions) -> int:
