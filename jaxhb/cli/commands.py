@@ -5,13 +5,13 @@ write for programs.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.operating_modes import compare
+from jaxhb.cli.operating_modes import EACH, compare
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Unfinished
 from jaxhb.report.answer import SPEED, Answer, SweepAxis
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from jaxhb.design.task import Reading
     from jaxhb.design.tuning import Tuning
     from jaxhb.results.dataset import Dataset
-
-EACH = "each"
 
 
 def solve(train: DriveTrain, arguments: cli.SolveOptions) -> int:
@@ -334,12 +332,8 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
     with Progress(len(values), quiet=arguments.quiet) as progress:
         answers = unfinished.run(compute, left)
         progress.say("reading the results")
-        makers = {
-            "record": lambda: files.record(answers, complete=True),
-            "rows": lambda: files.rows(answers),
-            "dataset": lambda: files.dataset(answers),
-            "figure": lambda: plot_sweep(answers),
-        }
+        makers = files.makers(answers, complete=True)
+        makers["figure"] = lambda: plot_sweep(answers)
         deliver(arguments, sweep_text(answers), makers)
     every_answer = [answer for several in answers.values() for answer in several]
     compare(arguments, lambda: of_answers(every_answer))
@@ -375,11 +369,8 @@ class _SweepFiles:
         """
         if not self.answers:
             return ""
-        makers = {
-            content: partial(getattr(self, content), self.answers)
-            for content in contents
-        }
-        files = made(self.arguments, makers)
+        makers = self.makers(self.answers)
+        files = made(self.arguments, {content: makers[content] for content in contents})
         files.pop(output.STANDARD_OUTPUT, None)
         output.write_files(files)
         return " and ".join(map(repr, files))
@@ -392,8 +383,18 @@ class _SweepFiles:
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 
-    def record(
+    def makers(
         self, answers: Mapping[str, list[Answer]], *, complete: bool = False
+    ) -> dict[str, Callable[[], Any]]:
+        """Functions that make the contents of files of these answers."""
+        return {
+            "record": partial(self._record_of_all, answers, complete),
+            "rows": partial(self._rows, answers),
+            "dataset": partial(self._dataset, answers),
+        }
+
+    def _record_of_all(
+        self, answers: Mapping[str, list[Answer]], complete: bool
     ) -> dict[str, Any]:
         """The record: one list of answers is called responses, two by their
         directions.
@@ -436,7 +437,7 @@ class _SweepFiles:
             self.records[id(answer)] = (answer, record)
         return self.records[id(answer)][1]
 
-    def rows(self, answers: Mapping[str, list[Answer]]) -> output.Sheet:
+    def _rows(self, answers: Mapping[str, list[Answer]]) -> output.Sheet:
         """One row per answer."""
         rows = []
         for way, several in answers.items():
@@ -445,7 +446,7 @@ class _SweepFiles:
                 rows.append(numbers.answer_row(answer, **first, direction=way))
         return output.sheet(rows)
 
-    def dataset(self, answers: Mapping[str, list[Answer]]) -> Dataset:
+    def _dataset(self, answers: Mapping[str, list[Answer]]) -> Dataset:
         """The labelled arrays."""
         return numbers.labelled(
             answers,

@@ -400,12 +400,7 @@ def files(picture: str, *, spectra: bool = True) -> Callable:
     """Files of numbers, where ``spectra`` are among them with an option of their own,
     and a picture.
     """
-    records = [file(name) for name, form in FORMATS.items() if form.content == "record"]
-    tables = [
-        file(name)
-        for name, form in FORMATS.items()
-        if form.content in OF_NUMBERS and form.content != "record"
-    ]
-    if spectra:
-        return together(*records, ORDERS, plot(picture), *tables)
-    return together(*records, plot(picture), *tables)
+    record, *tables = (
+        file(name) for name, form in FORMATS.items() if form.content in OF_NUMBERS
+    )
+    return together(record, *[ORDERS] * spectra, plot(picture), *tables)

@@ -17,8 +17,8 @@ import click
 
 from jaxhb import __version__
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.commands import EACH, check_files, misfire_trains, status
-from jaxhb.cli.operating_modes import compare
+from jaxhb.cli.commands import check_files, misfire_trains, status
+from jaxhb.cli.operating_modes import EACH, compare
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import Unfinished
 from jaxhb.design.table import read_table

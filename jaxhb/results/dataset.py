@@ -168,7 +168,7 @@ def _numbers(
         numbers = {
             variable.name: getattr(response, variable.reader)
             for variable in OF_MOTIONS
-            if hasattr(response, variable.reader)
+            if variable.reader
         }
     numbers |= (
         {"kind": "solution", "period": 1}

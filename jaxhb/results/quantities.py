@@ -135,25 +135,25 @@ class Variable:
 
     name : in data sets and Python; meaning : a phrase, "" where data sets do not have
     it; reader : the method of a motion that reads an element by name, of loads, grounds
-    and motions an attribute; part : the number of what that returns; vibration,
-    statistic : of which it is the statistic, None and "" of others; unknown : in data
-    sets where there is none
+    and motions an attribute of the solution, "" where it has none; part : the number of
+    what that returns; vibration, statistic : of which it is the statistic, None and ""
+    of others; unknown : in data sets where there is none
 
     json : key in the record of an element; csv : head of its column behind the name of
     the element, without the unit; without : whether CSV files have it without backlash,
     too; compared : whether operating modes are compared in it, by size. "" : not there.
 
-    column : head in the table of its kind of element at one speed, in the unit for
-    people; way : how it is written there, a key of ``WAYS`` of
-    :mod:`jaxhb.report.text.columns`, or a word that columns with the same decimals
-    share; called, title : in sentences, in titles of tables and figures
+    column : head in the table of its kind of element at one speed; way : how it is
+    written in tables, a key of ``WAYS`` of :mod:`jaxhb.report.text.columns`, "" for a
+    number in the unit for people; called, title : in sentences, in titles of tables and
+    figures
     """
 
     name: str
     element: str = ""
     unit: str = ""
     meaning: str = ""
-    reader: str
+    reader: str = ""
     part: Callable[[Any], Any] = float
     vibration: Vibration | None = None
     statistic: str = ""
@@ -314,7 +314,6 @@ OF_ELEMENTS = (
         csv="heat",
         compared=True,
         column="heat W",
-        way="W",
         called="heat",
         title="Heat of dampers",
     ),
@@ -401,7 +400,6 @@ OF_MOTIONS = (
             "contact, periodic, subharmonic, irregular or unknown; solution: of"
             " jaxhb.solve"
         ),
-        reader="kind",
         unknown="unknown",
     ),
     Variable(
@@ -410,13 +408,11 @@ OF_MOTIONS = (
         meaning=(
             "period of the motion in cycles of the excitation, 0 where there is none"
         ),
-        reader="period",
         unknown=0,
     ),
     Variable(
         name="source",
         meaning="what the numbers are read from: harmonics, record, or nothing",
-        reader="source",
         unknown="nothing",
     ),
     Variable(

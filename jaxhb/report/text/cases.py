@@ -24,9 +24,6 @@ from jaxhb.report.text.columns import (
     NONE,
     WAYS,
     Way,
-    hit,
-    irregular,
-    percent,
     ratio,
 )
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
@@ -51,12 +48,16 @@ from jaxhb.results.record import PERCENT
 RPM, _ = shown_unit("rad/s")
 
 
-def _of(head: str, variable: str, way: Way = "number", group: str = "") -> Column:
+def _of(head: str, variable: str, group: str = "") -> Column:
     """Column of a variable of data sets, by answer and name; numbers have the decimals
-    of all others in the table, those with a way of their own are in SI units.
+    of all others in the table in their unit, a way of their own takes SI units.
     """
-    unit = VARIABLES[variable.removesuffix(WITHOUT)].unit
-    factor = 1.0 if callable(way) else shown_unit(unit)[0]
+    entry = VARIABLES[variable.removesuffix(WITHOUT)]
+    factor, unit = shown_unit(entry.unit)
+    way: Way = unit
+    if entry.way:
+        factor = 1.0
+        way = WAYS[entry.way]
     return Column(
         head,
         way,
@@ -68,7 +69,7 @@ def _of(head: str, variable: str, way: Way = "number", group: str = "") -> Colum
 def _listed(element: str) -> list[Column]:
     """Columns of the numbers that have one in the table of a kind of element."""
     return [
-        _of(variable.column, variable.name, WAYS.get(variable.way, variable.way))
+        _of(variable.column, variable.name)
         for variable in variables_of(element)
         if variable.column
     ]
@@ -132,7 +133,7 @@ SPEEDS = (
     ),
     _of("half p-p", "speed_half_peak_to_peak"),
 )
-ACCELERATION = _of("acceleration", "acceleration_half_peak_to_peak", "rad/s2")
+ACCELERATION = _of("acceleration", "acceleration_half_peak_to_peak")
 """Columns of the tables of meshes and disks by answer and name, in the unit for
 people.
 """
@@ -323,9 +324,9 @@ def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
 COMPARED = (
     _of("with", "tooth_force_peak"),
     _of("without", f"tooth_force_peak{WITHOUT}"),
-    _of("separated %", "separated_fraction", percent),
-    _of("reverse %", "reverse_contact_fraction", percent),
-    _of("impact m/s", "hardest_impact", hit),
+    _of("separated %", "separated_fraction"),
+    _of("reverse %", "reverse_contact_fraction"),
+    _of("impact m/s", "hardest_impact"),
 )
 """Columns of each of several cases that stand side by side."""
 
@@ -411,8 +412,7 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
             swings((quantities.shaft_torques if links else quantities.angles)(train))
         )
     turning = quantities.irregularity(train)
-    of_turning = _of("%", turning.variable, irregular)
-    tables.append(table(turning.title, turning, [of_turning]))
+    tables.append(table(turning.title, turning, [_of("%", turning.variable)]))
     heats = quantities.heat(train)
     if heats.names:
         tables.append(table(heats.title, heats, [_of("W", heats.variable)]))
