@@ -193,7 +193,7 @@ def _find(
                 tolerance=goals.residual,
                 max_steps=shape.max_steps,
                 step_tolerance=goals.step,
-                step=begin.distance,
+                distance=begin.distance,
             )
             deflection = iterate.x
             error = iterate.error
