@@ -203,7 +203,7 @@ def newton(
 
 def solve_reduced(
     reduced: CondensedEquation,
-    train: LinearTrain,
+    linear_train: LinearTrain,
     start: Array,
     *,
     samples: int,
@@ -215,12 +215,12 @@ def solve_reduced(
     """Newton's method on the condensed equation from deflections ``(G, N+1)`` m of the
     active meshes: the last Iterate.
 
-    train : the LinearTrain of the equation; samples : of the law, a multiple of 2 N.
+    linear_train : of the equation; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection: Array) -> tuple[Array, LinearMarch]:
         slopes = correction.slopes_at(reduced, deflection, samples)
-        return slopes, correction.march_at(train, slopes)
+        return slopes, correction.march_at(linear_train, slopes)
 
     def direction(
         prepared: tuple[Array, LinearMarch], value: Array, error: Array, forcing: Array

@@ -167,7 +167,7 @@ def _find(
     error: Array = jnp.zeros(())
     truncation: Array = jnp.zeros(())
     begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
-    train = None
+    linear_train = None
     steps: Array = jnp.array(0)
     stalled: Array = jnp.array(False)
     small_step: Array = jnp.array(False)
@@ -175,7 +175,7 @@ def _find(
     if not is_linear:
         sweep_plan = _sweep_plan(problem, shape)
         equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
-        train = correction.linear_train(equation, sweep_plan.steps)
+        linear_train = correction.linear_train(equation, sweep_plan.steps)
         begin = _begin(reduced, equation, start, goals, shape, sweep_plan)
         if shape.method == "chain":
             deflection, iterate = _by_chain(
@@ -187,7 +187,7 @@ def _find(
         else:
             iterate = solve_reduced(
                 reduced,
-                train,
+                linear_train,
                 begin.deflection,
                 samples=shape.samples,
                 tolerance=goals.residual,
@@ -199,7 +199,7 @@ def _find(
             error = iterate.error
             small_step = iterate.step < goals.step
         if shape.estimated:
-            truncation = truncation_error(fine, train, deflection, shape)
+            truncation = truncation_error(fine, linear_train, deflection, shape)
         steps = iterate.steps
         stalled = iterate.stalled
     reduced = reduced.with_crossings(deflection)
@@ -225,7 +225,7 @@ def _find(
         shape.samples,
     )
     solved = outcome.status <= Status.TOLERANCE_NOT_MET
-    return Solution(outcome, train, crossings, solved)
+    return Solution(outcome, linear_train, crossings, solved)
 
 
 def _sweep_plan(problem: Problem, shape: ProgramShape) -> SweepPlan:
@@ -434,7 +434,7 @@ def estimate(
 
 def truncation_error(
     fine: CondensedEquation,
-    train: correction.LinearTrain,
+    linear_train: correction.LinearTrain,
     deflection: Array,
     shape: ProgramShape,
 ) -> Array:
@@ -451,7 +451,12 @@ def truncation_error(
     value = fine.residual(fine_deflection, samples)
     forcing, krylov_steps = ESTIMATE
     change, left, _ = correction.correct(
-        fine, correction.march_at(train, slopes), slopes, value, forcing, krylov_steps
+        fine,
+        correction.march_at(linear_train, slopes),
+        slopes,
+        value,
+        forcing,
+        krylov_steps,
     )
     force_change = relative_force_change(
         fine, fine.sampled(fine_deflection, samples), (change,)
