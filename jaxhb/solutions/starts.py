@@ -214,9 +214,9 @@ class Attempts:
         while True:
             marches = plan.marches and deflection is None
             plan = case.resolved(plan)
-            begin = first_start(plan, marches=marches, deflections=deflection)
+            start = first_start(plan, marches=marches, deflections=deflection)
             response, outcome = solve_once(
-                case.train, case.rpm, case.problem, plan, begin
+                case.train, case.rpm, case.problem, plan, start
             )
             if marches:
                 error = float(outcome.periodicity_error)
