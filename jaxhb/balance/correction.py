@@ -113,11 +113,11 @@ def train_of(
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMarch:
-    """A train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step per
-    change of (l, l') without it.
+    """A linear train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step
+    per change of (l, l') without it.
     """
 
-    train: LinearTrain
+    linear_train: LinearTrain
     gain: Array
 
     def cycle(self, linear: Array, state: Array) -> tuple[Array, Array]:
@@ -125,18 +125,18 @@ class LinearMarch:
         under ``linear`` ``(G, N+1)``, whose harmonics above the marched ones pass
         unchanged.
         """
-        train = self.train
-        harmonics = min(linear.shape[-1] - 1, train.harmonics)
-        low = fourier.resize(linear, harmonics)
-        motion_rows = fourier.synthesize(with_rate(low, train.frequency), train.steps).T
+        linear_train = self.linear_train
+        harmonics = min(linear.shape[-1] - 1, linear_train.harmonics)
+        motion = with_rate(fourier.resize(linear, harmonics), linear_train.frequency)
+        motion_rows = fourier.synthesize(motion, linear_train.steps).T
         end, deflection = self._march(state, motion_rows)
         coefficients = fourier.analyze(deflection.T, harmonics)
         corrected = jnp.asarray(linear).at[:, : harmonics + 1].set(coefficients)
         return corrected, end - state
 
     def _march(self, state: Array, rows: Array) -> tuple[Array, Array]:
-        modes = self.train.modes
-        weights = self.train.weights
+        modes = self.linear_train.modes
+        weights = self.linear_train.weights
         meshes = modes.forcing.shape[1]
         observed = modes.observed
 
@@ -154,14 +154,15 @@ class LinearMarch:
         return lax.scan(step, state, (self.gain, rows))
 
 
-def march_at(train: LinearTrain, slopes: Array) -> LinearMarch:
+def march_at(linear_train: LinearTrain, slopes: Array) -> LinearMarch:
     """The :class:`LinearMarch` at a motion with coefficients ``(2, G, n+1)`` of the
     slopes of phi in l and l'.
     """
     # Averages over the steps: what lies between two of them counts, too.
-    averaged = jnp.sinc(np.arange(slopes.shape[-1]) / train.steps) * slopes
-    by_deflection, by_rate = fourier.sample(averaged, train.steps)
-    return LinearMarch(train, _gain(by_deflection, by_rate, train.weights.at_once))
+    averaged = jnp.sinc(np.arange(slopes.shape[-1]) / linear_train.steps) * slopes
+    by_deflection, by_rate = fourier.sample(averaged, linear_train.steps)
+    gain = _gain(by_deflection, by_rate, linear_train.weights.at_once)
+    return LinearMarch(linear_train, gain)
 
 
 def _gain(slope: Array, rate_slope: Array, at_once: Array) -> Array:
@@ -341,13 +342,13 @@ class _Mapped:
         self.product = product
         self.shape = shape
         self.count = shape[0] * (2 * shape[1] - 1)
-        self.states = len(march.train.visibility)
+        self.states = len(march.linear_train.visibility)
 
     def cycle(self, vector: Array) -> tuple[Array, Array]:
         """Deflections ``(G, n+1)`` and jump of the states."""
-        train = self.march.train
+        linear_train = self.march.linear_train
         linear = unpack(vector[: self.count], self.shape)
-        return self.march.cycle(linear, vector[self.count :] / train.visibility)
+        return self.march.cycle(linear, vector[self.count :] / linear_train.visibility)
 
     def deflection(self, vector: Array) -> Array:
         """Packed deflections ``(n,)``."""
@@ -355,18 +356,17 @@ class _Mapped:
 
     def apply(self, vector: Array) -> tuple[Array, Array]:
         """The left sides, and the packed deflections."""
-        train = self.march.train
+        linear_train = self.march.linear_train
         deflection, jump = self.cycle(vector)
-        marched = min(self.shape[1] - 1, train.harmonics) + 1
+        marched = min(self.shape[1] - 1, linear_train.harmonics) + 1
         left = (
             jnp.asarray(self.product(deflection))
             .at[:, :marched]
-            .add(-free_motion(train, jump)[:, :marched])
+            .add(-free_motion(linear_train, jump)[:, :marched])
         )
-        closing_residual = -real_pairs(train.closing * complex_modes(jump))
-        return jnp.concatenate([pack(left), train.visibility * closing_residual]), pack(
-            deflection
-        )
+        unclosed = -real_pairs(linear_train.closing * complex_modes(jump))
+        rows = jnp.concatenate([pack(left), linear_train.visibility * unclosed])
+        return rows, pack(deflection)
 
     def solve(
         self, b: Array, tolerance: Number, steps: int

@@ -169,10 +169,10 @@ def _attach_jvp(
     )
     deflection_dot = -residual_dot
     if len(active_meshes.mask):
-        assert solution.train is not None  # there are active meshes
+        assert solution.linear_train is not None  # there are active meshes
         frozen, frozen_deflection = lax.stop_gradient((reduced, deflection))
         slopes = correction.slopes_at(frozen, frozen_deflection, shape.samples)
-        march = lax.stop_gradient(correction.march_at(solution.train, slopes))
+        march = lax.stop_gradient(correction.march_at(solution.linear_train, slopes))
         forces = forces_at(reduced, deflection)
         product = correction.tangent(reduced, forces)
         frozen_product = correction.tangent(

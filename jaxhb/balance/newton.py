@@ -116,14 +116,14 @@ def _solve(
     share_left = jnp.where(lowers_level, solved_size / size, error / iterate.error)
     tells_distance = (length == 1) & (share_left < LEAVES)
     following = Iterate(
-        jnp.where(is_good, trial, iterate.x),
-        jnp.where(is_good, error, iterate.error),
-        iterate.steps + 1,
-        ~is_good & (length < iterations.SHORTEST),
-        jnp.where(is_good, jnp.where(tells_distance, size, jnp.inf), iterate.step),
+        x=jnp.where(is_good, trial, iterate.x),
+        error=jnp.where(is_good, error, iterate.error),
+        steps=iterate.steps + 1,
+        stalled=~is_good & (length < iterations.SHORTEST),
+        step=jnp.where(is_good, jnp.where(tells_distance, size, jnp.inf), iterate.step),
     )
     return _Iteration(
-        following,
+        iterate=following,
         value=jnp.where(is_good, trial_residual, state.value),
         right_side=trial_residual,
         correction=jnp.where(lowers_level, solved, correction),
@@ -147,7 +147,7 @@ def newton(
     tolerance: Number,
     max_steps: int,
     step_tolerance: Number = 0.0,
-    step: Number = jnp.inf,
+    distance: Number = jnp.inf,
 ) -> Iterate:
     """Solve ``evaluate(x) = 0`` from ``start``, which is accepted unchanged if it
     already solves: the last Iterate, finite if the start was.
@@ -156,8 +156,8 @@ def newton(
     ``step_tolerance``; prepare : x -> whatever ``direction`` needs at an iterate;
     direction : (prepared, residual, error at x, forcing) -> correction, solves ``J(x)
     correction = residual`` to that share of the residual or less; max_steps : linear
-    solves; step : how far the start is from the solution, in that norm, where this is
-    known.
+    solves; distance : how far the start is from the solution, in that norm, where this
+    is known.
     """
 
     def unsolved(iterate: Iterate) -> Array:
@@ -181,18 +181,20 @@ def newton(
 
     value = evaluate(start)
     first_iterate = Iterate(
-        start, norm(value), jnp.array(0), jnp.array(False), jnp.asarray(step, float)
+        x=start,
+        error=norm(value),
+        steps=jnp.array(0),
+        stalled=jnp.array(False),
+        step=jnp.asarray(distance, float),
     )
-    full_length = jnp.array(1.0)
-    infinite_gain = jnp.array(jnp.inf)
     begin = _Iteration(
-        first_iterate,
-        value,
-        value,
-        jnp.zeros_like(start),
-        full_length,
-        infinite_gain,
-        jnp.array(False),
+        iterate=first_iterate,
+        value=value,
+        right_side=value,
+        correction=jnp.zeros_like(start),
+        length=jnp.array(1.0),
+        gain=jnp.array(jnp.inf),
+        trying=jnp.array(False),
     )
     return lax.while_loop(
         lambda state: unsolved(state.iterate), try_lengths, begin
@@ -201,24 +203,24 @@ def newton(
 
 def solve_reduced(
     reduced: CondensedEquation,
-    train: LinearTrain,
+    linear_train: LinearTrain,
     start: Array,
     *,
     samples: int,
     tolerance: Number,
     max_steps: int,
     step_tolerance: Number = 0.0,
-    step: Number = jnp.inf,
+    distance: Number = jnp.inf,
 ) -> Iterate:
     """Newton's method on the condensed equation from deflections ``(G, N+1)`` m of the
     active meshes: the last Iterate.
 
-    train : the LinearTrain of the equation; samples : of the law, a multiple of 2 N.
+    linear_train : of the equation; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection: Array) -> tuple[Array, LinearMarch]:
         slopes = correction.slopes_at(reduced, deflection, samples)
-        return slopes, correction.march_at(train, slopes)
+        return slopes, correction.march_at(linear_train, slopes)
 
     def direction(
         prepared: tuple[Array, LinearMarch], value: Array, error: Array, forcing: Array
@@ -243,7 +245,7 @@ def solve_reduced(
         tolerance=tolerance,
         max_steps=max_steps,
         step_tolerance=step_tolerance,
-        step=step,
+        distance=distance,
     )
 
 

@@ -88,7 +88,7 @@ class Solution:
     """
 
     outcome: Outcome
-    train: LinearTrain | None
+    linear_train: LinearTrain | None
     crossings: tuple[Crossings, Crossings] | None
     solved: Array
 

@@ -166,8 +166,8 @@ def _find(
     )
     error: Array = jnp.zeros(())
     truncation: Array = jnp.zeros(())
-    begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
-    train = None
+    newton_start = _unswept_start(reduced.linear)
+    linear_train = None
     steps: Array = jnp.array(0)
     stalled: Array = jnp.array(False)
     small_step: Array = jnp.array(False)
@@ -175,11 +175,16 @@ def _find(
     if not is_linear:
         sweep_plan = _sweep_plan(problem, shape)
         equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
-        train = correction.linear_train(equation, sweep_plan.steps)
-        begin = _begin(reduced, equation, start, goals, shape, sweep_plan)
+        linear_train = correction.linear_train(equation, sweep_plan.steps)
+        newton_start = _newton_start(reduced, equation, start, goals, shape, sweep_plan)
         if shape.method == "chain":
             deflection, iterate = _by_chain(
-                problem, active_meshes, reduced, condensed, begin.deflection, shape
+                problem,
+                active_meshes,
+                reduced,
+                condensed,
+                newton_start.deflection,
+                shape,
             )
             error = relative_residual(
                 reduced, reduced.residual(deflection, shape.samples)
@@ -187,19 +192,19 @@ def _find(
         else:
             iterate = solve_reduced(
                 reduced,
-                train,
-                begin.deflection,
+                linear_train,
+                newton_start.deflection,
                 samples=shape.samples,
                 tolerance=goals.residual,
                 max_steps=shape.max_steps,
                 step_tolerance=goals.step,
-                step=begin.distance,
+                distance=newton_start.distance,
             )
             deflection = iterate.x
             error = iterate.error
             small_step = iterate.step < goals.step
         if shape.estimated:
-            truncation = truncation_error(fine, train, deflection, shape)
+            truncation = truncation_error(fine, linear_train, deflection, shape)
         steps = iterate.steps
         stalled = iterate.stalled
     reduced = reduced.with_crossings(deflection)
@@ -210,8 +215,8 @@ def _find(
         stalled=stalled,
         steps=steps,
         error=error,
-        sweeps=begin.sweeps,
-        periodicity_error=begin.change,
+        sweeps=newton_start.sweeps,
+        periodicity_error=newton_start.change,
         truncation_error=truncation,
     )
     outcome, crossings = conclude(
@@ -225,7 +230,7 @@ def _find(
         shape.samples,
     )
     solved = outcome.status <= Status.TOLERANCE_NOT_MET
-    return Solution(outcome, train, crossings, solved)
+    return Solution(outcome, linear_train, crossings, solved)
 
 
 def _sweep_plan(problem: Problem, shape: ProgramShape) -> SweepPlan:
@@ -254,7 +259,7 @@ def _sweep_equation(
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Begin:
+class NewtonStart:
     """Start of Newton's method: deflections ``(G, N+1)`` m; number of sweeps that led
     there, change of the vibration in the last of them, and distance to the solution
     that may be left, both as shares of the vibration.
@@ -266,21 +271,31 @@ class Begin:
     distance: Array
 
 
-def _begin(
+def _unswept_start(deflection: Array) -> NewtonStart:
+    """The :class:`NewtonStart` with deflections that no sweep led to."""
+    return NewtonStart(
+        deflection=deflection,
+        sweeps=jnp.array(0),
+        change=jnp.zeros(()),
+        distance=jnp.array(jnp.inf),
+    )
+
+
+def _newton_start(
     reduced: CondensedEquation,
     equation: SweepEquation,
     start: Start,
     goals: Goals,
     shape: ProgramShape,
     sweep_plan: SweepPlan,
-) -> Begin:
-    """The :class:`Begin` of a ``start`` of :func:`solve_problem`, which solves if
+) -> NewtonStart:
+    """The :class:`NewtonStart` of a ``start`` of :func:`solve_problem`, which solves if
     sweeps do.
     """
     start_deflection = jnp.where(
         start.is_given, start.deflection, deflections_on_flank(reduced)
     )
-    unswept = Begin(start_deflection, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
+    unswept = _unswept_start(start_deflection)
     if not shape.marches:
         return unswept
     # The samples tell as well as exact integrals which start leaves less.
@@ -292,16 +307,16 @@ def _begin(
             start_equation, start_equation.residual(deflection, shape.samples)
         )
 
-    def begin_by_sweeps() -> Begin:
+    def swept_start() -> NewtonStart:
         return by_sweeps(
             equation, shape.harmonics, sweep_plan, start, goals, residual_of
         )
 
     if not shape.compare_starts:
-        return lax.cond(start.sweeps > 0, begin_by_sweeps, lambda: unswept)
+        return lax.cond(start.sweeps > 0, swept_start, lambda: unswept)
 
-    def better_of_both() -> Begin:
-        by_sweeping = begin_by_sweeps()
+    def better_of_both() -> NewtonStart:
+        by_sweeping = swept_start()
         is_worse = lax.cond(
             compared,
             lambda swept_deflection: ~(residual_of(swept_deflection) < remaining),
@@ -334,9 +349,9 @@ def by_sweeps(
     start: Start,
     goals: Goals,
     residual_of: Callable[[Array], Array],
-) -> Begin:
-    """The :class:`Begin` to which ``start.sweeps`` or less from the drive sides lead,
-    near the end more of them.
+) -> NewtonStart:
+    """The :class:`NewtonStart` to which ``start.sweeps`` or less from the drive sides
+    lead, near the end more of them.
 
     Sweeps end where they solve the equations to the ``goals``, or where
     ``start.settled`` of the vibration is left and as many more would not solve them.
@@ -382,11 +397,11 @@ def by_sweeps(
     deflection = jnp.where(
         is_finite, deflection, deflections_on_flank(equation.equation)
     )
-    return Begin(
-        deflection,
-        ended.marches,
-        ended.change,
-        jnp.where(is_settled & is_finite, ended.distance, jnp.inf),
+    return NewtonStart(
+        deflection=deflection,
+        sweeps=ended.marches,
+        change=ended.change,
+        distance=jnp.where(is_settled & is_finite, ended.distance, jnp.inf),
     )
 
 
@@ -434,7 +449,7 @@ def estimate(
 
 def truncation_error(
     fine: CondensedEquation,
-    train: correction.LinearTrain,
+    linear_train: correction.LinearTrain,
     deflection: Array,
     shape: ProgramShape,
 ) -> Array:
@@ -451,7 +466,12 @@ def truncation_error(
     value = fine.residual(fine_deflection, samples)
     forcing, krylov_steps = ESTIMATE
     change, left, _ = correction.correct(
-        fine, correction.march_at(train, slopes), slopes, value, forcing, krylov_steps
+        fine,
+        correction.march_at(linear_train, slopes),
+        slopes,
+        value,
+        forcing,
+        krylov_steps,
     )
     force_change = relative_force_change(
         fine, fine.sampled(fine_deflection, samples), (change,)
@@ -531,7 +551,7 @@ def solve_planned(
 def _solve_traced(
     train: DriveTrain,
     rpm: Number,
-    begin: Start,
+    start: Start,
     active_meshes: ActiveMeshes,
     goals: Goals,
     shape: ProgramShape,
@@ -546,7 +566,7 @@ def _solve_traced(
         is_finite & is_valid, (train, rpm), shape.failed_gradient
     )
     problem = problem_at(train, rpm, shape.excited)
-    outcome = solve_problem(problem, active_meshes, begin, goals, shape)
+    outcome = solve_problem(problem, active_meshes, start, goals, shape)
     status = jnp.where(is_finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(
         outcome, status=jnp.where(is_valid, status, Status.INVALID_INPUT)
@@ -612,13 +632,13 @@ def respond(
 
 
 def solve_once(
-    train: DriveTrain, rpm: Number, problem: Problem, plan: Plan, begin: Start
+    train: DriveTrain, rpm: Number, problem: Problem, plan: Plan, start: Start
 ) -> tuple[Response, Outcome]:
     """The Response with numpy arrays, and the Outcome, of one eager solve."""
     outcome = _of_the_host(problem, plan)
     if outcome is None:
         outcome = solve_problem(
-            problem, plan.active_meshes, begin, plan.goals, plan.shape
+            problem, plan.active_meshes, start, plan.goals, plan.shape
         )
         outcome = jax.tree.map(np.asarray, outcome)
     path = _newtons_path(outcome, plan)
@@ -684,13 +704,13 @@ def solve_batches(
     else:
         size = BATCH_SPEEDS
     size *= max(len(devices), 1)
-    begin = first_start(plan, marches=plan.marches)
+    start = first_start(plan, marches=plan.marches)
     shape = plan.shape
     if size == 1 or len(rpm) == 1 or not plan.active and len(rpm) < size:
 
         def alone(speed: float) -> Response:
             return solve_once(
-                train, speed, problem_at(train, speed, shape.excited), plan, begin
+                train, speed, problem_at(train, speed, shape.excited), plan, start
             )[0]
 
         yield from (
@@ -716,7 +736,7 @@ def solve_batches(
         speeds = rpm[first : first + size]
         padded = np.concatenate([speeds, np.full(size - len(speeds), speeds[-1])])
         problem = problems_at(train, jnp.asarray(padded), shape.excited)
-        outcome = solve(problem, plan.active_meshes, begin, plan.goals)
+        outcome = solve(problem, plan.active_meshes, start, plan.goals)
         loads, outcome = jax.tree.map(
             np.asarray, ((problem.load_torque, problem.load_power), outcome)
         )

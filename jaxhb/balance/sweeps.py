@@ -415,55 +415,50 @@ def settle(
     equation = sweeps.equation
 
     def sweep_once(carry: _Sweeping) -> _Sweeping:
-        count, point, _, before, (_, last_but_one, last), _ = carry
-        following, deflection, residual = _sweep(sweeps, point, plan)
-        linear = jnp.where(count == 0, point.linear, following.linear)
-        change = force_size(equation, deflection - before) / vibration_size(
-            equation, before
+        following, deflection, residual = _sweep(sweeps, carry.point, plan)
+        linear = jnp.where(carry.marches == 0, carry.point.linear, following.linear)
+        change = force_size(equation, deflection - carry.deflection) / vibration_size(
+            equation, carry.deflection
         )
-        point = SweepPoint(linear, following.state, following.force)
-        changes = last_but_one, last, change
+        _, last_but_one, last = carry.changes
         return _Sweeping(
-            count + 1,
-            point,
-            before,
-            deflection,
-            changes,
-            relative_residual(equation, residual),
+            marches=carry.marches + 1,
+            point=SweepPoint(linear, following.state, following.force),
+            before=carry.deflection,
+            deflection=deflection,
+            changes=(last_but_one, last, change),
+            error=relative_residual(equation, residual),
         )
 
     def unsettled(carry: _Sweeping) -> Array:
-        count, _, _, _, (before_last, _, change), error = carry
+        before_last, _, change = carry.changes
         away = change * changes_to_come(change, before_last) > goal
-        promising = error * (change / before_last) ** (most / 2) <= solved
-        go_on = (error > solved) & (away | promising)
+        promising = carry.error * (change / before_last) ** (most / 2) <= solved
+        go_on = (carry.error > solved) & (away | promising)
         allowed = jnp.where(change < NEAR, WAITED * most, most)
-        return (count < FEWEST_SWEEPS) | (
-            (count < allowed) & go_on & jnp.isfinite(change)
+        return (carry.marches < FEWEST_SWEEPS) | (
+            (carry.marches < allowed) & go_on & jnp.isfinite(change)
         )
 
     infinite = jnp.array(jnp.inf)
-    no_changes = (infinite, infinite, infinite)
     start = _Sweeping(
-        jnp.array(0),
-        point,
-        equation.linear,
-        equation.linear,
-        no_changes,
-        jnp.array(jnp.inf),
+        marches=jnp.array(0),
+        point=point,
+        before=equation.linear,
+        deflection=equation.linear,
+        changes=(infinite, infinite, infinite),
+        error=infinite,
     )
-    count, point, before, deflection, changes, _ = lax.while_loop(
-        unsettled, sweep_once, start
-    )
-    before_last, _, change = changes
+    ended = lax.while_loop(unsettled, sweep_once, start)
+    before_last, _, change = ended.changes
     remaining = jnp.minimum(changes_to_come(change, before_last), UNSETTLED)
     return Settled(
-        point,
-        deflection,
-        count,
-        change,
-        remaining * (deflection - before),
-        remaining * change,
+        point=ended.point,
+        deflection=ended.deflection,
+        marches=ended.marches,
+        change=change,
+        left=remaining * (ended.deflection - ended.before),
+        distance=remaining * change,
     )
 
 

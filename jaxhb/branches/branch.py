@@ -66,9 +66,9 @@ def response_at(curve: HarmonicCurve, plan: Plan, y: np.ndarray) -> Response:
     train, rpm = train_at(
         curve.train, float(curve.rpm), curve.parameter, curve.value(y)
     )
-    begin = first_start(plan, deflections=np.asarray(curve.deflection(y)))
+    start = first_start(plan, deflections=np.asarray(curve.deflection(y)))
     problem = problem_at(train, rpm, curve.shape.excited)
-    response, _ = solve_once(train, rpm, problem, plan, begin)
+    response, _ = solve_once(train, rpm, problem, plan, start)
     return response
 
 

@@ -102,13 +102,13 @@ def _prepared(
     """The equations, the linearised march and the slopes of phi at a point."""
     shape = curve.shape
     deflection = curve.deflection(y)
-    train = correction.train_of(
+    linear_train = correction.train_of(
         reduced,
         model_of(problem, curve.active_meshes, shape.time_steps),
         shape.time_steps,
     )
     slopes = correction.slopes_at(reduced, deflection, shape.samples)
-    return reduced, correction.march_at(train, slopes), slopes
+    return reduced, correction.march_at(linear_train, slopes), slopes
 
 
 # Inversions of the bordered Jacobian: each reduces the rest of a direction to the share

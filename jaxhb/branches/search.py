@@ -146,9 +146,7 @@ def _periodic_motion(motion: SolvedMotion) -> PeriodicMotion:
 
 
 def _marched(train: DriveTrain, rpm: float, request: Request) -> list[SolvedMotion]:
-    """Motions to which marches come, from several starts side by
-    side.
-    """
+    """Motions to which marches come, from several starts side by side."""
     neighbour_rpm = rpm * np.array(NEIGHBOURS)
     states = Classifier(train, neighbour_rpm, request, True, Cycles()).states_from(
         list(range(len(neighbour_rpm))), {}

@@ -134,8 +134,8 @@ def _linear_response(
     problem: Problem, chosen: np.ndarray, sizes: CertificateSizes
 ) -> tuple[Array, Array, CondensedEquation, correction.LinearTrain]:
     """Receptances and linear deflections up to ``reach``, the equation of the low
-    harmonics, and the train that marches in linear solves: all that does not depend on
-    the motion.
+    harmonics, and the linear train that marches in linear solves: all that does not
+    depend on the motion.
     """
     active = ActiveMeshes(
         jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link))
@@ -143,14 +143,14 @@ def _linear_response(
     reduced, _ = reduced_equation(problem, sizes.reach, active)
     low = truncate(reduced, sizes.low)
     model = model_of(problem, active, sizes.time_steps)
-    train = correction.train_of(low, model, sizes.time_steps)
-    return reduced.receptance, reduced.linear, low, train
+    linear_train = correction.train_of(low, model, sizes.time_steps)
+    return reduced.receptance, reduced.linear, low, linear_train
 
 
 @partial(Program, static_argnames="sizes")
 def _expand(
     reduced: CondensedEquation,
-    train: correction.LinearTrain,
+    linear_train: correction.LinearTrain,
     deflection: Array,
     sizes: CertificateSizes,
 ) -> tuple[correction.LinearMarch, Array, Array, Array]:
@@ -162,7 +162,7 @@ def _expand(
     meshes = len(deflection)
     samples = 4 * max(sizes.time_steps, sizes.low)
     slopes = correction.slopes_at(reduced, deflection, samples)
-    march = correction.march_at(train, slopes)
+    march = correction.march_at(linear_train, slopes)
     # In backlashes, with a gap without stiffness: the force of this law is the integral
     # of the engagement.
     unit = replace(
@@ -232,7 +232,7 @@ class Linearization:
         self.frequency = float(problem.frequency)
         self.sizes = sizes
         chosen = train.topology.law_index.astype(np.int32)
-        receptance, linear, self._reduced, self._train = _linear_response(
+        receptance, linear, self._reduced, self._linear_train = _linear_response(
             problem, chosen, sizes
         )
         n = np.arange(sizes.reach + 1)
@@ -253,7 +253,7 @@ class Linearization:
         sizes = self.sizes
         high = self.sizes.high
         self._march, *harmonics, complete = _expand(
-            self._reduced, self._train, deflection, sizes
+            self._reduced, self._linear_train, deflection, sizes
         )
         integral, share = map(np.asarray, harmonics)
         self.complete = bool(complete)
@@ -439,10 +439,9 @@ class Linearization:
         truncated.gain = self.gain * keep
         truncated._shift = np.where(keep, self._shift, np.eye(len(self.middle)))
         truncated._gain = self._gain * keep[: self.sizes.low + 1]
-        marched = replace(
-            self._march.train, free=self._march.train.free[..., : harmonics + 1]
-        )
-        truncated._march = replace(self._march, train=marched)
+        linear_train = self._march.linear_train
+        marched = replace(linear_train, free=linear_train.free[..., : harmonics + 1])
+        truncated._march = replace(self._march, linear_train=marched)
         return truncated
 
     def norm(

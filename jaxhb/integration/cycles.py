@@ -259,7 +259,9 @@ def march(
     state, (samples, numbers), trace, power = lax.fori_loop(
         0, cycles, next_cycle, (state, rows, no_trace, no_power)
     )
-    return Marched(state, samples, trace, numbers, power)
+    return Marched(
+        state=state, samples=samples, trace=trace, numbers=numbers, power=power
+    )
 
 
 @Program

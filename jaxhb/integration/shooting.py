@@ -254,15 +254,22 @@ def close(
         any_closer = jnp.any(lowers_level)
         nodes = jnp.where(any_closer, nodes + lengths[best] * full_change, nodes)
         return _Closing(
-            nodes,
-            jnp.where(any_closer, periodicity_errors[best], periodicity_error),
-            done + 1,
-            any_closer,
+            nodes=nodes,
+            periodicity_error=jnp.where(
+                any_closer, periodicity_errors[best], periodicity_error
+            ),
+            steps=done + 1,
+            closer=any_closer,
         )
 
-    start = _Closing(nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
-    nodes, _, done, _ = lax.while_loop(unfinished, step, start)
-    return nodes, motion(stepper, nodes), done
+    start = _Closing(
+        nodes=nodes,
+        periodicity_error=jnp.array(jnp.inf),
+        steps=jnp.array(0),
+        closer=jnp.array(True),
+    )
+    closed = lax.while_loop(unfinished, step, start)
+    return closed.nodes, motion(stepper, closed.nodes), closed.steps
 
 
 def monodromy(stepper: Stepper, state: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -386,12 +387,14 @@ def solve_again(
     marched : whether that attempt began with a march, where the plan has one; swept :
     whether it was a solve by sweeps.
     """
-    failed = starts.SWEEPS if plan.marches and marched else starts.CONTACT
+    failed: starts.Strategy = starts.contact_unseparated
     if swept:
-        failed = starts.SWEPT_MOTION
+        failed = starts.from_swept_motion
+    elif plan.marches and marched:
+        failed = starts.from_sweeps
     strategies = starts.costlier_than(failed)
     if start is not None:
-        strategies = (starts.motion_at_hand(start), *strategies)
+        strategies = (partial(starts.from_response, start), *strategies)
     attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan))
     attempts.make(strategies)
     return None if attempts.reached.response is None else attempts.response
@@ -413,20 +416,20 @@ def _decide(
     """
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
-    strategies: tuple[starts.Strategy, ...] = starts.STRATEGIES
+    strategies = starts.STRATEGIES
     if start == "linear" or start is not None and not train.topology.has_law.any():
-        strategies = (starts.IN_CONTACT,)
+        strategies = (starts.in_contact,)
     elif isinstance(start, Response):
-        strategies = (starts.motion_at_hand(start),)
+        strategies = (partial(starts.from_response, start),)
     elif start == "march":
         plan = planning.all_active(train, plan, request)
-        strategies = (starts.SWEEPS, *starts.costlier_than(starts.SWEEPS))
+        strategies = (starts.from_sweeps, *starts.costlier_than(starts.from_sweeps))
     deadline = math.inf if seconds is None else time.monotonic() + seconds
     attempts = starts.Attempts(starts.SolveCase(train, rpm, request, plan, deadline))
     if by_sweeps and start is None:
         attempts.sweep()
         if attempts.reached.response is not None:
-            strategies = starts.costlier_than(starts.SWEPT_MOTION)
+            strategies = starts.costlier_than(starts.from_swept_motion)
     if not attempts.reached.solved:
         attempts.make(strategies)
     return attempts

@@ -190,7 +190,7 @@ class Attempts:
         for strategy in strategies:
             if self.is_late():
                 return
-            for attempt in strategy.attempts(self):
+            for attempt in strategy(self):
                 self.refine(attempt)
                 if self.reached.solved:
                     return
@@ -214,9 +214,9 @@ class Attempts:
         while True:
             marches = plan.marches and deflection is None
             plan = case.resolved(plan)
-            begin = first_start(plan, marches=marches, deflections=deflection)
+            start = first_start(plan, marches=marches, deflections=deflection)
             response, outcome = solve_once(
-                case.train, case.rpm, case.problem, plan, begin
+                case.train, case.rpm, case.problem, plan, start
             )
             if marches:
                 error = float(outcome.periodicity_error)
@@ -255,15 +255,8 @@ class Attempts:
         self.reached = Reached(case.resolved(plan), response)
 
 
-@dataclass(frozen=True)
-class Strategy:
-    """Start strategy: its name, its rank by cost, and the function that yields its
-    attempts after those that were made.
-    """
-
-    name: str
-    cost: int
-    attempts: Callable[[Attempts], Iterator[Attempt]]
+Strategy = Callable[[Attempts], Iterator[Attempt]]
+"""Start strategy: yields its attempts after those that were made."""
 
 
 def in_contact(attempts: Attempts) -> Iterator[Attempt]:
@@ -387,22 +380,16 @@ def _from_orbit(
     return Attempt(plan, orbit.coefficients, event)
 
 
-# Of a solve under a plan: the first attempt that is solved is the answer.
-CONTACT = Strategy("contact", 0, contact_unseparated)
-SWEEPS = Strategy("sweeps", 1, from_sweeps)
-SWEPT_MOTION = Strategy("motion of sweeps alone", 2, from_swept_motion)
-# With a share of the shots of a search for all motions
-SHOOTING = Strategy("shooting", 3, partial(shooting, work=BRIEF))
-STRATEGIES = (CONTACT, SWEEPS, SWEPT_MOTION, SHOOTING)
-# Those of one start that is asked for
-IN_CONTACT = Strategy("contact, whatever the linear motion", 0, in_contact)
-
-
-def motion_at_hand(response: Response) -> Strategy:
-    """The strategy that starts from a motion at hand."""
-    return Strategy("motion at hand", 0, partial(from_response, response))
+# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the
+# answer. Shooting has a share of the shots of a search for all motions.
+STRATEGIES: tuple[Strategy, ...] = (
+    contact_unseparated,
+    from_sweeps,
+    from_swept_motion,
+    partial(shooting, work=BRIEF),
+)
 
 
 def costlier_than(strategy: Strategy) -> tuple[Strategy, ...]:
     """The strategies that are left where one has failed."""
-    return tuple(other for other in STRATEGIES if other.cost > strategy.cost)
+    return STRATEGIES[STRATEGIES.index(strategy) + 1 :]

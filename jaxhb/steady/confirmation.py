@@ -133,8 +133,8 @@ def _exact(attempts: starts.Attempts) -> Response:
     case = attempts.case
     solved = attempts.response
     plan = dataclasses.replace(attempts.reached.plan, step_tolerance=0.0)
-    begin = first_start(plan, deflections=active_deflections(plan, solved.deflections))
-    response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
+    start = first_start(plan, deflections=active_deflections(plan, solved.deflections))
+    response, _ = solve_once(case.train, case.rpm, case.problem, plan, start)
     if not response.solved:
         return solved
     return dataclasses.replace(response, path=solved.path)

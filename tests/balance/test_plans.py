@@ -244,9 +244,7 @@ def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pai
     def never(attempts):
         pytest.fail("asked for though the attempt before was solved")
 
-    first = starts.Strategy("hopeless", 0, hopeless)
-    last = starts.Strategy("never", 2, never)
-    attempts.make((first, starts.SWEEPS, last))
+    attempts.make((hopeless, starts.from_sweeps, never))
     assert tried == [1, 2]
     assert attempts.response.converged
     events = [type(event).__name__ for event in attempts.response.path]
@@ -498,8 +496,8 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     rpm = 1900.0
     attempts = attempts_at(train, rpm)
     first, march = (
-        next(strategy.attempts(attempts)).plan
-        for strategy in (starts.CONTACT, starts.SWEEPS)
+        next(strategy(attempts)).plan
+        for strategy in (starts.contact_unseparated, starts.from_sweeps)
     )
     modes, _ = mesh_modes.mesh_mode_harmonics(
         train, train.topology.cycle_frequency(rpm)
@@ -509,7 +507,7 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     attempts = attempts_at(pair, 7950.0, harmonics=50)
     assert attempts.case.plan.start == "linear"
     assert attempts.case.plan.active
-    attempts.make([starts.SWEEPS])
+    attempts.make([starts.from_sweeps])
     assert attempts.response.converged
 
 
@@ -583,7 +581,7 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     active = tuple(i for i in case.plan.active if i != index)
     plan = dataclasses.replace(case.plan, active=active, flank=flank)
     attempts = starts.Attempts(dataclasses.replace(case, plan=plan))
-    attempts.make([starts.SWEEPS])
+    attempts.make([starts.from_sweeps])
     response = attempts.response
     assert response.path[1].status == jaxhb.Status.PLAN_VIOLATED
     assert response.converged

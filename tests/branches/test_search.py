@@ -94,8 +94,7 @@ def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
     tried = []
     monkeypatch.setattr(starts.Attempts, "refine", refine)
     strategies = [
-        starts.Strategy(name, cost, lambda attempts, name=name: iter(name))
-        for cost, name in enumerate(("", "ab", "c"))
+        lambda attempts, names=names: iter(names) for names in ("", "ab", "c")
     ]
     train = jaxhb.load_scene("spur_pair")
     for until, expected in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
