@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from jaxhb._jax import Array, refuse_tracers
+from jaxhb._jax import Array, refuse_tracers, remembered
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.design.measurements import Measured
@@ -422,19 +422,20 @@ class Fit:
             u[free] = part
             return u
 
+        # Residuals and derivatives are read one after the other.
+        evaluated = remembered(lambda part: self.residuals(whole(part)))
         least = least_squares(
-            lambda part: self.residuals(whole(part))[0],
+            lambda part: evaluated(part)[0],
             np.clip(begin[free], 1e-6, 1 - 1e-6),
-            jac=lambda part: self.residuals(whole(part))[1][:, free],
+            jac=lambda part: evaluated(part)[1][:, free],
             bounds=(0.0, 1.0),
             x_scale="jac",
             ftol=1e-10,
             xtol=1e-10,
             gtol=1e-10,
         )
-        u = whole(least.x)
-        off, by_shares = self.residuals(u)
-        return u, off, by_shares
+        off, by_shares = evaluated(least.x)
+        return whole(least.x), off, by_shares
 
     def result(
         self, u: np.ndarray, residuals: np.ndarray, slopes: np.ndarray

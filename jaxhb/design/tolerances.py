@@ -322,9 +322,8 @@ def box_of(
 
 @dataclass(frozen=True)
 class Scatter:
-    """Further lanes of an evaluation: the train within a
-    :class:`Box` at the shares ``(n, P)`` of each speed
-    ``(n,)``, in ratios to the values of a design.
+    """Further lanes of an evaluation: the train within a :class:`Box` at the shares
+    ``(n, P)`` of each speed ``(n,)``, in ratios to the values of a design.
     """
 
     box: Box

@@ -257,7 +257,8 @@ def _solve_small(matrices: Array, right: Array) -> Array:
         try:
             return np.linalg.solve(matrices, right)
         except np.linalg.LinAlgError:
-            size = np.abs(matrices).max(axis=(1, 2), keepdims=True)
+            # Their terms are of the size of 1 even where all of them cancel.
+            size = np.abs(matrices).max(axis=(1, 2), keepdims=True, initial=1.0)
             return np.linalg.solve(
                 matrices + np.finfo(float).eps * size * identity, right
             )

@@ -318,7 +318,8 @@ def forced_response(
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
     """Receptance ``(n,)`` in rad/(N m) of a train, teeth in contact: the angle of
-    ``disk`` over a torque on the disk ``at``, at positive ``hz`` ``(n,)``.
+    ``disk`` over a torque on the disk ``at``, at positive ``hz`` ``(n,)``; nan where
+    the equations count as singular, as at an undamped resonance.
 
     :class:`SceneError` if there is no such disk.
 
@@ -342,12 +343,23 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 @partial(Program, static_argnames="ends")
 def _receptance(train: DriveTrain, omega: Array, ends: tuple[int, int]) -> Array:
     """Receptance ``(n,)`` in rad/(N m) between two disks."""
-    system = chain.assemble(train)
+    topology = train.topology
     disk, at = ends
-    column = np.eye(train.topology.n_disks)[:, [at]]
-    force = dynamic_stiffness.unit_forces(column, len(omega))
-    displacement, _ = dynamic_stiffness.solve_linear(system, omega, force, forces=0)
-    return displacement[disk, 0] / (system.radius[disk] * system.radius[at])
+    # A load at the root meets no difference: on a branch that is tuned to the frequency
+    # its motion would lose all digits.
+    rooted = chain.span_links(topology.link_ends, topology.n_disks, at)
+    system = dataclasses.replace(chain.assemble(train), tree=rooted)
+    column = np.eye(topology.n_disks)[:, [at]]
+    load = dynamic_stiffness.unit_forces(column, len(omega))
+    motion = dynamic_stiffness.solve_linear(system, omega, load)
+    displacement, force = (a[:, 0] for a in motion)
+    balance = dynamic_stiffness.balance(system, omega, load[:, 0], displacement, force)
+    # Every frequency is judged by itself, beside a mean of zero.
+    _, status = residual_and_status(
+        *(jnp.stack([jnp.zeros_like(a), a], axis=-1) for a in balance)
+    )
+    response = displacement[disk] / (system.radius[disk] * system.radius[at])
+    return jnp.where(status == Status.CONVERGED, response, jnp.nan)
 
 
 def _at_mean_loads(

@@ -216,6 +216,13 @@ SINGULAR = {
             Shaft(between=("3", "1"), stiffness=100 / 3),
         ]
     ),
+    "loop whose last pivot is exactly zero": loaded(
+        [
+            *chain_parts([3.0, 3.0, 2.0, 3.0], [200.0, 100.0, 100.0]),
+            Shaft(between=("4", "1"), stiffness=200.0),
+        ],
+        at="2",
+    ),
     # Regular, but the tree under disk 3 is at resonance where disk 2 rests: elimination
     # leaves no digit of disk 3.
     "no digit left": loaded(chain_parts([2.0, 3.0, 1.0], [70.0, 100.0]), at="3"),
@@ -229,10 +236,11 @@ def test_equations_without_an_answer_are_singular_whatever_the_rounding(name):
     assert response.status.tolist() == [Status.NEAR_SINGULAR] * 3
 
 
-def test_a_solve_judges_as_the_forced_response_does():
-    assert (
-        jaxhb.solve(SINGULAR["no digit left"], rpm=TEN).status == Status.NEAR_SINGULAR
-    )
+@pytest.mark.parametrize(
+    "name", ["no digit left", "loop whose last pivot is exactly zero"]
+)
+def test_a_solve_judges_as_the_forced_response_does(name):
+    assert jaxhb.solve(SINGULAR[name], rpm=TEN).status == Status.NEAR_SINGULAR
 
 
 def test_numbers_that_overflow_are_no_resonance():

@@ -168,6 +168,33 @@ def test_frequency_responses_are_the_dense_inverse(case, a, b):
     np.testing.assert_allclose(response, expected, rtol=1e-9)
 
 
+TEN = np.array([10.0]) / (2 * np.pi)
+"""Hz of 10 rad/s."""
+TUNED = chain_parts([2.0, 3.0, 1.0], [70.0, 100.0])
+"""Where disk 2 rests disk 3 is at resonance with 10 rad/s, the whole train is not."""
+
+
+@pytest.mark.parametrize("at", ["1", "2", "3"])
+def test_a_frequency_response_keeps_its_digits_where_a_branch_is_tuned(at):
+    expected = np.linalg.inv(dense.dynamic_stiffness(TUNED, 10.0))[int(at) - 1]
+    train = build(TUNED)
+    response = [frequency_response(train, disk, at, TEN)[0] for disk in "123"]
+    np.testing.assert_allclose(response, expected, rtol=0, atol=1e-15)
+
+
+RING_AT_TEN = [
+    *chain_parts([1.0] * 3, [100 / 3] * 2),
+    Shaft(between=("3", "1"), stiffness=100 / 3),
+]
+
+
+@pytest.mark.parametrize("parts", [chain_parts([2.0] * 2, [100.0]), RING_AT_TEN])
+def test_there_is_no_frequency_response_at_an_undamped_resonance(parts):
+    hz = np.concatenate([0.9 * TEN, TEN, np.nextafter(TEN, 0), 1.1 * TEN])
+    response = frequency_response(build(parts), "1", "2", hz)
+    assert np.isnan(response).tolist() == [False, True, True, False]
+
+
 @pytest.mark.slow
 def test_case_c_damped_approximation_and_its_error():
     params, expected = method_case("C_damped_approximation")
