@@ -45,6 +45,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
 from jaxhb.equations.system import System
 from jaxhb.linear.tangent import at_pressed_load, linear_train
+from jaxhb.results.answers import solved
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
@@ -359,7 +360,7 @@ def _receptance(train: DriveTrain, omega: Array, ends: tuple[int, int]) -> Array
         *(jnp.stack([jnp.zeros_like(a), a], axis=-1) for a in balance)
     )
     response = displacement[disk] / (system.radius[disk] * system.radius[at])
-    return jnp.where(status == Status.CONVERGED, response, jnp.nan)
+    return jnp.where(solved(status), response, jnp.nan)
 
 
 def _at_mean_loads(
@@ -547,11 +548,11 @@ def residual_and_status(left: Array, load: Array, force: Array) -> tuple[Array, 
         size > 0, size, 1.0
     )
     balanced = left[..., 0] <= UNBALANCED * (load[..., 0] + force[..., 0])
-    solved = (residual <= UNSOLVED) & (
+    regular = (residual <= UNSOLVED) & (
         xp.max(force, axis=-1) <= SINGULAR * xp.max(load, axis=-1)
     )
     status = xp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
-    status = xp.where(solved, status, Status.NEAR_SINGULAR)
+    status = xp.where(regular, status, Status.NEAR_SINGULAR)
     return residual, xp.where(
         xp.isfinite(size + left.sum(-1)), status, Status.NONFINITE
     )
