@@ -4,7 +4,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Self
 
 import jax
@@ -215,6 +215,13 @@ class Signal(Summarized):
         """Values ``(..., count)`` at equidistant time samples of one cycle."""
         return fourier.sample(self.coefficients, count)
 
+    @cached_property
+    def _samples(self) -> Array:
+        """Samples of a signal on the host that its extremes are read from. Others are
+        not kept: a tracer would outlive its program.
+        """
+        return self._sampled(self.resolution)
+
     def angles_deg(self, count: int) -> np.ndarray:
         """Angles theta of :meth:`samples` in deg of the reference rotor
         ``(count,)``.
@@ -255,7 +262,8 @@ class Signal(Summarized):
 
     def _over(self, name: str, function: Callable[[Array], Array]) -> Array:
         """Extreme ``name`` over the cycle: a ``function`` of the samples."""
-        values = self._sampled(self.resolution)
+        on_host = isinstance(self.coefficients, np.ndarray)
+        values = self._samples if on_host else self._sampled(self.resolution)
         if self.sharp and traced(values):
             values = _warned_of_when_differentiated(name, values)
         # 0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the
