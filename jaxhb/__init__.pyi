@@ -3,6 +3,7 @@
 Read by type checkers, and by ``__init__.py`` when a name is first used.
 """
 
+from ._executors import Cluster as Cluster, WorkerLost as WorkerLost, Workers as Workers
 from ._program import cache_programs as cache_programs
 from .balance.derivative import gradient_and_error as gradient_and_error
 from .balance.harmonic_residual import (
@@ -125,6 +126,8 @@ from .solutions.solve import (
 from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state
+from .studies.campaign import Summary as Summary, campaign as campaign
+from .studies.study import Study as Study, load_study as load_study
 from .train.assembly import build as build
 from .train.checks.plausible import plausibility as plausibility
 from .train.drivetrain import DriveTrain as DriveTrain

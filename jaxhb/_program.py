@@ -5,7 +5,6 @@ where the host calls, and not too many of them.
 from __future__ import annotations
 
 import inspect
-import os
 import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,6 +23,7 @@ from jax._src.config import trace_context
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from jaxhb import _jax, _store as _disk
+from jaxhb._executors import processors
 from jaxhb._jax import HOST_TYPES, staged, traced
 
 OPTIONS: dict[str, bool | int | str] = {
@@ -36,6 +36,9 @@ OPTIONS: dict[str, bool | int | str] = {
     # Sums as trees of kernels: a fifth of the memory maps and a tenth of the compile
     # time, and nothing won.
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
+    # Threads that share a product sum it up in another order: numbers would depend on
+    # how many processors there are.
+    "xla_cpu_multi_thread_eigen": False,
 }
 """Options of the compiler for CPUs, each passed where the compiler knows it."""
 
@@ -295,7 +298,7 @@ def _settings_of_threads() -> Any:
 @cache
 def _compiler_threads() -> ThreadPoolExecutor:
     """The threads in which programs are made beforehand."""
-    return ThreadPoolExecutor(os.cpu_count(), "jaxhb-compiler")
+    return ThreadPoolExecutor(processors(), "jaxhb-compiler")
 
 
 _store = _disk.Store()

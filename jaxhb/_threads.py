@@ -1,12 +1,13 @@
 """Work for many speeds, in some threads side by side."""
 
-import os
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context, copy_context
 from typing import Any, TypeVar
 
 import jax
+
+from jaxhb._executors import processors
 
 MOST_THREADS = 8  # each holds some memory
 
@@ -25,7 +26,7 @@ def side_by_side(
         yield from map(function, items)
         return
     # More threads than processors: some wait for programs that others make.
-    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS), "jaxhb")
+    threads = ThreadPoolExecutor(min(2 * processors(), MOST_THREADS), "jaxhb")
     config: Any = jax.config
     device = config.jax_default_device
 

@@ -19,7 +19,6 @@ from jaxhb.cli.values import (
     count,
     one_speed,
     orders,
-    over,
     positive,
     share,
     speed_range,
@@ -27,7 +26,7 @@ from jaxhb.cli.values import (
 )
 from jaxhb.elements.sentences import LONGEST_SENTENCE, cut
 from jaxhb.report.files.output import INTERRUPTED
-from jaxhb.train.speeds import read_speed, read_speeds
+from jaxhb.train.speeds import read_range, read_speed, read_speeds
 
 PROGRAM = "jaxhb"
 VARIABLE = "_JAXHB_COMPLETE"
@@ -440,7 +439,7 @@ def solve() -> None:
     "--over NAME.FIELD=A:B:COUNT",
     "sweep a parameter of the scene at the single speed of --rpm: COUNT equally spaced"
     " values from A to B, or V1,V2,..., SI units",
-    over,
+    read_range,
 )
 @option(
     "--out DIR",

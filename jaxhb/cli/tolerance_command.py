@@ -2,7 +2,7 @@
 phase between two engines.
 """
 
-import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from jaxhb.cli.operating_modes import compare
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import Unfinished
 from jaxhb.design.phases import WorstPhase, worst_phase
-from jaxhb.design.quantities import QUANTITIES, Objective, unit_of
+from jaxhb.design.quantities import Objective, read_quantity, unit_of
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import Spread, tolerance as search
 from jaxhb.elements.sentences import SceneError, suggestion
@@ -37,7 +37,7 @@ from jaxhb.train.drivetrain import DriveTrain
 def tolerance(train: DriveTrain, arguments: cli.ToleranceOptions) -> int:
     """Find what the tolerances of a scene do to its response."""
     tolerances = read_tolerances(train)
-    quantities = tuple(map(read_quantity, arguments.of))
+    quantities = _quantities(arguments.of)
     samples = arguments.samples or 0
     seed = arguments.seed or 0
     accuracy = (arguments.harmonics, arguments.tolerance)
@@ -75,22 +75,12 @@ def tolerance(train: DriveTrain, arguments: cli.ToleranceOptions) -> int:
     return output.ANSWERED if spread.answered.all() else output.NOT_ANSWERED
 
 
-def read_quantity(text: str) -> Objective:
-    """The Objective of ``"QUANTITY of ELEMENT"``, where a quantity may end in an
-    order.
-    """
-    name, separator, element = text.partition(" of ")
-    order = None
-    ordered = re.fullmatch(r"(.*) ([\d.]+)", name)
-    if ordered:
-        name = ordered[1]
-        order = float(ordered[2])
-    if not separator or name not in QUANTITIES:
-        raise output.OutputError(
-            f'--of: {text!r}: write "QUANTITY of ELEMENT", as "tooth force of crank'
-            f' gear|idler".{suggestion(name, QUANTITIES)}'
-        )
-    return Objective(quantity=name, of=element, order=order)
+def _quantities(texts: Sequence[str]) -> tuple[Objective, ...]:
+    """The quantities of ``--of``."""
+    try:
+        return tuple(map(read_quantity, texts))
+    except ValueError as fault:
+        raise output.OutputError(f"--of: {fault}") from None
 
 
 def phase(train: DriveTrain, arguments: cli.PhaseOptions) -> int:
@@ -102,7 +92,7 @@ def phase(train: DriveTrain, arguments: cli.PhaseOptions) -> int:
             advice = suggestion("", names)
         raise SceneError(f"{train.topology.title}: --phase: name one.{advice}")
     name = arguments.name or names[0]
-    quantities = tuple(map(read_quantity, arguments.of))
+    quantities = _quantities(arguments.of)
     with Progress(quiet=arguments.quiet) as progress:
         worst = worst_phase(
             train,

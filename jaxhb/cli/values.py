@@ -5,7 +5,7 @@ what is wrong.
 import math
 from functools import partial
 
-from jaxhb.train.speeds import MOST_SPEEDS, read_speeds
+from jaxhb.train.speeds import read_speeds
 
 RANGE_COUNT = 33  # speeds of a range that has no count
 
@@ -68,33 +68,6 @@ def setting(text: str) -> tuple[str, float | str]:
             " such as 3.6e4"
         )
     return key.strip(), word if math.isnan(value) else value
-
-
-def over(text: str) -> tuple[str, list[float]]:
-    """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``."""
-    key, equals, values = text.rpartition("=")
-    words = values.split(":")
-    try:
-        if len(words) == 3:
-            first = float(words[0])
-            last = float(words[1])
-            steps = int(words[2])
-            most = min(steps, MOST_SPEEDS + 1)
-            numbers = [first + (last - first) * i / (steps - 1) for i in range(most)]
-        else:
-            numbers = [float(word) for word in values.split(",")]
-    except (ValueError, ZeroDivisionError):
-        numbers = []
-    if not equals or len(numbers) < 2 or not all(map(math.isfinite, numbers)):
-        raise ValueError(
-            f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as"
-            ' "crank damper.damping=100:400:13" or =100,200,400'
-        )
-    if len(numbers) > MOST_SPEEDS:
-        raise ValueError(
-            f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer"
-        )
-    return key.strip(), numbers
 
 
 def bounded(text: str) -> tuple[str, tuple[float, float]]:

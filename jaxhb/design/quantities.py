@@ -2,6 +2,7 @@
 name.
 """
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -246,6 +247,24 @@ smooth, none is negative.
 
 # Quantities of the train alone, for penalties, and their units
 OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
+
+
+def read_quantity(text: str) -> Objective:
+    """The Objective of ``"QUANTITY of ELEMENT"``, where a quantity may end in an order;
+    :class:`ValueError` with a sentence if it is none.
+    """
+    name, separator, element = text.partition(" of ")
+    order = None
+    ordered = re.fullmatch(r"(.*) ([\d.]+)", name)
+    if ordered:
+        name = ordered[1]
+        order = float(ordered[2])
+    if not separator or name not in QUANTITIES:
+        raise ValueError(
+            f'{text!r}: write "QUANTITY of ELEMENT", as "tooth force of crank'
+            f' gear|idler".{suggestion(name, QUANTITIES)}'
+        )
+    return Objective(quantity=name, of=element, order=order)
 
 
 def unit_of(quantity: str) -> str:

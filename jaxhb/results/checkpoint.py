@@ -11,28 +11,27 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
 from jaxhb import __version__
+from jaxhb._executors import in_parts
 from jaxhb._files import clear_parts, write_whole
 from jaxhb._private import NotPrivate, PrivateFolder, read_private
 from jaxhb._store import blake2, package_hash
 from jaxhb.results.serial import pack, unpack
 from jaxhb.train.drivetrain import DriveTrain
 
-if TYPE_CHECKING:
-    from jaxhb.results.steady import SteadyState
-
-
 Answer = TypeVar("Answer")
+Entry = TypeVar("Entry")
 
 MANIFEST = "sweep.json"
 
@@ -158,29 +157,6 @@ class Checkpoint:
                         f"{place} holds a sweep with other {kind}: {change}. {remedy}"
                     )
 
-    def keep_states(
-        self,
-        speeds: np.ndarray,
-        states_from: Callable[..., dict[int, SteadyState]],
-        indices: Sequence[int],
-        motions: Mapping[int, np.ndarray],
-        progress: Callable[[int], object],
-    ) -> dict[int, SteadyState]:
-        """Steady states of the speeds of a chunk by index of ``speeds`` ``(n,)``: read
-        from the folder where they are there, else made by ``states_from(indices,
-        motions, progress)``.
-        """
-        started = [index in motions for index in indices]
-
-        def compute() -> list:
-            states_by_index = states_from(indices, motions, progress)
-            return [states_by_index[index] for index in indices]
-
-        states = self.keep(
-            (speeds[indices], started, *motions.values()), compute, progress
-        )
-        return dict(zip(indices, states, strict=True))
-
     def keep(
         self,
         question: Any,
@@ -193,18 +169,28 @@ class Checkpoint:
         ``progress`` is called for an answer that was read: with its length if it is a
         list, else with 1.
         """
-        name = f"{digest(self.origin, question)}.npz"
-        answer = self._read(name)
+        answer = self.find(question)
         if answer is not None:
             progress(len(answer) if isinstance(answer, list) else 1)
             return answer
         answer = compute()
+        self.write(question, answer)
+        return answer
+
+    def find(self, question: Any) -> Any:
+        """The answer to a question that is in the folder, else None."""
+        return self._read(self._name(question))
+
+    def write(self, question: Any, answer: Any) -> None:
+        """Write the answer to a question."""
         if self.private is not None:
             try:
-                self.private.write(name, _content(answer))
+                self.private.write(self._name(question), _content(answer))
             except OSError as error:
                 self._fail(error)
-        return answer
+
+    def _name(self, question: Any) -> str:
+        return f"{digest(self.origin, question)}.npz"
 
     def _read(self, name: str) -> Any:
         """The answer of a file; None where it is not there, or not as it was written:
@@ -241,6 +227,39 @@ class Checkpoint:
             else " What is in it stays: mend that, and the same sweep goes on."
         )
         raise CheckpointError(why + stays) from None
+
+
+def answered_parts(
+    checkpoint: Checkpoint | None,
+    questions: Sequence[Any],
+    function: Callable[..., list[Entry]],
+    parts: Sequence[Sequence[Any]],
+    executor: Executor | None,
+    progress: Callable[[int], object],
+) -> Generator[tuple[int, list[Entry]]]:
+    """Yield the number and the answer, a list, of parts of a work, as they come: those
+    in the folder of a Checkpoint first, then ``function(*part)`` of the others, by an
+    executor or in this process.
+
+    ``progress`` is called with the length of an answer that this process does not
+    compute.
+    """
+    missing = []
+    for number, question in enumerate(questions):
+        answer = None if checkpoint is None else checkpoint.find(question)
+        if answer is None:
+            missing.append(number)
+        else:
+            progress(len(answer))
+            yield number, answer
+    computed_parts = in_parts(function, (parts[number] for number in missing), executor)
+    for place, answer in computed_parts:
+        number = missing[place]
+        if executor is not None:
+            progress(len(answer))
+        if checkpoint is not None:
+            checkpoint.write(questions[number], answer)
+        yield number, answer
 
 
 def place_in(folder: str | Path | Cached | None, name: str) -> Path | Cached | None:

@@ -52,7 +52,7 @@ def scene_description(name: str | Path) -> str:
     """Read the ``description`` in the ``[scene]`` of a packaged scene or a file, empty
     if there is none.
     """
-    head = _parse(_find(name), []).get("scene", {})
+    head = parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
@@ -70,7 +70,7 @@ def load_scene(name: str | Path) -> DriveTrain:
     """
     path = _find(name)
     errors: list[str] = []
-    content = _parse(path, errors)
+    content = parse(path, errors)
     whole = not errors
     head = content.get("scene", {})
     if not isinstance(head, dict):
@@ -150,7 +150,7 @@ def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
     return f"Correct the line{quoted}{decimals}."
 
 
-def _parse(path: Path, errors: list[str]) -> dict[str, Any]:
+def parse(path: Path, errors: list[str]) -> dict[str, Any]:
     """Read a file; raise a syntax error as a sentence, and add other faults to
     ``errors``.
     """

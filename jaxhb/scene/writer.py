@@ -20,9 +20,9 @@ from jaxhb.scene.files import (
     _READERS,
     BESIDE,
     _find,
-    _parse,
     _read_elements,
     load_scene,
+    parse,
 )
 from jaxhb.scene.input_files import is_beside, read_bytes
 from jaxhb.scene.toml_text import TomlText
@@ -66,7 +66,7 @@ def scene_text(
     # For its errors: a scene that does not load is not written.
     load_scene(name)
     path = _find(name)
-    content = _parse(path, [])
+    content = parse(path, [])
     text = _text_of(path, content)
     if expand:
         _expand(text, content)
@@ -191,7 +191,7 @@ def element_files(name: str | Path) -> dict[str, list[dict[str, str]]]:
     """Files from which the torques and the cylinders of a scene take their rows, of
     each by field.
     """
-    content = _parse(_find(name), [])
+    content = parse(_find(name), [])
     rows = {
         "torque": content.get("torque", []),
         "cylinder": [*content.get("cylinder", []), *_engine_cylinders(content)],
@@ -219,7 +219,7 @@ def _files_of_row(row: Mapping[str, Any]) -> dict[str, str]:
 def scene_files(name: str | Path) -> list[Path]:
     """Paths of the files from which a scene is read: itself and the tables it names."""
     path = _find(name)
-    tables = _tables_beside(_parse(path, []), path.parent).values()
+    tables = _tables_beside(parse(path, []), path.parent).values()
     return [path, *(table for table in tables if table.is_file())]
 
 
@@ -239,7 +239,7 @@ def changed_scene(
     of comment at the head.
     """
     path = _find(name)
-    content = _parse(path, [])
+    content = parse(path, [])
     text = _text_of(path, content)
     if any(table == "cylinder" for table, _, _ in values):
         _expand(text, content)

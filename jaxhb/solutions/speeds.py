@@ -4,11 +4,14 @@ that fail are solved again from other starts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
+from jaxhb._executors import in_parts
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._threads import side_by_side
 from jaxhb.balance.plan import Plan, Request, check_plan
@@ -21,6 +24,8 @@ from jaxhb.solutions.solve import solve_again
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
+PART = 16  # speeds that a worker solves at a time
+
 
 def solve_speeds(
     train: DriveTrain,
@@ -32,6 +37,7 @@ def solve_speeds(
     integrals: str | None = None,
     progress: Callable[[int], object] | None = None,
     devices: Sequence[Any] = (),
+    executor: Executor | None = None,
 ) -> Response:
     """Periodic responses at many speeds.
 
@@ -57,6 +63,10 @@ def solve_speeds(
     devices : sequence of jax devices
         Across which batches are shared, as ``jax.devices()``; by default one does it
         all.
+    executor : concurrent.futures.Executor, optional
+        Where speeds at which teeth may leave contact are solved, some at a time, as
+        :class:`jaxhb.Workers`; the numbers are the same to the last bit on the same
+        kind of machine.
 
     Returns
     -------
@@ -101,19 +111,25 @@ def solve_speeds(
     responses: list = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         indices = [i for i, speed_plan in enumerate(plans) if speed_plan == shared]
-        places = iter(indices)
         alone = plan is None and shared.marches and len(devices) < 2
-        swept = sweeping.swept_train(train, shared, request) if alone else None
-        if swept is None:
-            batches = solve_batches(train, rpm[indices], shared, tuple(devices))
-        else:
-            batches = (
-                [response]
-                for response in side_by_side(swept.solve, rpm[indices].tolist())
+        swept_request = request if alone else None
+        # Batches of speeds in contact are programs for so many, and as fast.
+        if executor is not None and shared.active:
+            parts = [indices[i : i + PART] for i in range(0, len(indices), PART)]
+            solved_parts = in_parts(
+                _solve_part,
+                ((train, rpm[part], shared, swept_request) for part in parts),
+                executor,
             )
-        for batch in batches:
-            for response in batch:
-                responses[next(places)] = response
+            batches = ((parts[number], batch) for number, batch in solved_parts)
+        else:
+            batches = _in_order(
+                indices,
+                _batches(train, rpm[indices], shared, swept_request, tuple(devices)),
+            )
+        for places, batch in batches:
+            for place, response in zip(places, batch, strict=True):
+                responses[place] = response
             if progress:
                 progress(len(batch))
     if plan is None:
@@ -123,6 +139,42 @@ def solve_speeds(
                     train, index, responses, request, plans[index]
                 )
     return stack(responses)
+
+
+def _batches(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    plan: Plan,
+    request: Request | None,
+    devices: tuple = (),
+) -> Iterator[list[Response]]:
+    """Yield Responses at the speeds ``(n,)`` under one plan, some at a time in order;
+    by sweeps where these serve and a ``request`` is given, to which they answer.
+    """
+    swept = None if request is None else sweeping.swept_train(train, plan, request)
+    if swept is None:
+        yield from solve_batches(train, rpm, plan, devices)
+        return
+    for response in side_by_side(swept.solve, rpm.tolist()):
+        yield [response]
+
+
+def _solve_part(
+    train: DriveTrain, rpm: np.ndarray, plan: Plan, request: Request | None
+) -> list[Response]:
+    """Responses at the speeds ``(n,)`` of a part, as :func:`_batches`."""
+    return [
+        response for batch in _batches(train, rpm, plan, request) for response in batch
+    ]
+
+
+def _in_order(
+    indices: Sequence[int], batches: Iterable[list[Response]]
+) -> Iterator[tuple[list[int], list[Response]]]:
+    """Yield each of the batches with its indices."""
+    rest = iter(indices)
+    for batch in batches:
+        yield list(islice(rest, len(batch))), batch
 
 
 def worth_another_try(response: Response, request: Request) -> bool:

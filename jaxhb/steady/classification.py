@@ -108,6 +108,13 @@ class Classifier:
         """Cycles of a record whose extremes vary."""
         return LONGER if self.cycles.recorded is None else self.cycles.recorded
 
+    def part(self, indices: Iterable[int]) -> Classifier:
+        """The Classifier of some of the speeds, for another process."""
+        at_hand = {
+            index: self.states[index] for index in indices if index in self.states
+        }
+        return dataclasses.replace(self, states=at_hand, repelling={}, swept_trains={})
+
     def states_from(
         self,
         indices: Sequence[int],

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.program import solve_batches
 from jaxhb.balance.swept import difference
-from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint
+from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint, answered_parts
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
@@ -35,6 +36,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
 DIRECTIONS = "up", "down", "both"
+PART = 16  # speeds that a worker marches at a time
 
 OnStates = Callable[[dict[int, SteadyState], str], object]
 """Callback that takes steady states by the number of their speed, and the direction of
@@ -53,6 +55,7 @@ class _Options(TypedDict, total=False):
     chunk: int | None
     on_states: OnStates | None
     devices: Sequence[Any]
+    executor: Executor | None
 
 
 @overload
@@ -104,6 +107,7 @@ def steady_state(
     chunk: int | None = None,
     on_states: OnStates | None = None,
     devices: Sequence[Any] = (),
+    executor: Executor | None = None,
 ) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
     """Steady state of a drive train at each speed: its motion after it has run long
     enough.
@@ -145,11 +149,14 @@ def steady_state(
         bit.
     chunk : int, optional
         How many speeds are marched, reported and written together; default: 64 with
-        ``out``, all without. Fewer take longer.
+        ``out``, 16 with ``executor``, else all. Fewer take longer.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the
         last call, and "up" or "down". A speed may be reported again when it takes over
         the motion of its neighbour: the last report counts.
+    executor : concurrent.futures.Executor, optional
+        Where chunks of speeds are marched, as :class:`jaxhb.Workers`; the numbers are
+        the same to the last bit on the same kind of machine.
 
     Returns
     -------
@@ -199,7 +206,7 @@ def steady_state(
     classifier = Classifier(
         train, speeds, request, exact, cycles, tuple(devices), apart=apart
     )
-    march = classifier.states_from
+    checkpoint = None
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
         settings = {
@@ -209,10 +216,11 @@ def steady_state(
             **vars(cycles),
         }
         checkpoint = Checkpoint(out, train, settings, chunk)
-        march = partial(
-            checkpoint.keep_states, classifier.speeds, classifier.states_from
-        )
-    search = _SpeedSweep(classifier, plans, march, start, progress, chunk, on_states)
+    if executor is not None and chunk is None:
+        chunk = PART
+    search = _SpeedSweep(
+        classifier, plans, checkpoint, start, progress, chunk, on_states, executor
+    )
     if not np.ndim(rpm):
         return search.single(0)
     order = np.argsort(speeds, kind="stable")
@@ -236,22 +244,24 @@ class SpeedStart:
 
 
 class _SpeedSweep:
-    """One call of :func:`steady_state`: a train, its speeds, and the states at hand;
-    ``march`` finds the rest (:meth:`Classifier.states_from`).
+    """One call of :func:`steady_state`: a train, its speeds, the states at hand, and
+    where others are kept and computed.
     """
 
     def __init__(
         self,
         classifier: Classifier,
         plans: Sequence[Plan],
-        march: Callable[..., dict[int, SteadyState]],
+        checkpoint: Checkpoint | None,
         start: SteadyState | Response | None,
         progress: Callable[[int], object] | None,
         chunk: int | None,
         on_states: OnStates | None,
+        executor: Executor | None,
     ):
         self.classifier = classifier
-        self._march = march
+        self._checkpoint = checkpoint
+        self._executor = executor
         self.chunk = chunk
         self.train = classifier.train
         self.speeds = classifier.speeds
@@ -296,15 +306,36 @@ class _SpeedSweep:
         index or from teeth in contact.
         """
         size = self.chunk or max(len(indices), 1)
+        chunks = [
+            [int(index) for index in indices[first : first + size]]
+            for first in range(0, len(indices), size)
+        ]
+        motions = [
+            {index: starts[index].motion for index in chunk if index in starts}
+            for chunk in chunks
+        ]
+        questions = [
+            (
+                self.speeds[chunk],
+                [index in started for index in chunk],
+                *started.values(),
+            )
+            for chunk, started in zip(chunks, motions, strict=True)
+        ]
+        alone = self._executor is None
+        parts = [
+            (self.classifier if alone else self.classifier.part(chunk), chunk, started)
+            for chunk, started in zip(chunks, motions, strict=True)
+        ]
+        march = partial(_march, progress=progress) if alone else _march
         states: dict[int, SteadyState] = {}
-        for first in range(0, len(indices), size):
-            chunk = indices[first : first + size]
-            started = {index: starts[index] for index in chunk if index in starts}
-            motions = {index: begin.motion for index, begin in started.items()}
-            chunk_states = self._march(chunk, motions, progress)
+        for number, marched in answered_parts(
+            self._checkpoint, questions, march, parts, self._executor, progress
+        ):
+            chunk_states = dict(zip(chunks[number], marched, strict=True))
             chunk_states |= {
-                index: replace(chunk_states[index], started_from=begin.rpm)
-                for index, begin in started.items()
+                index: replace(chunk_states[index], started_from=starts[index].rpm)
+                for index in motions[number]
             }
             self.report(chunk_states)
             states |= chunk_states
@@ -395,6 +426,17 @@ class _SpeedSweep:
             response=response,
             motion=motion_of(self.train, response),
         )
+
+
+def _march(
+    classifier: Classifier,
+    indices: Sequence[int],
+    motions: Mapping[int, np.ndarray],
+    progress: Callable[[int], object] = lambda count: None,
+) -> list[SteadyState]:
+    """Steady states of a chunk of speeds, as :meth:`Classifier.states_from`."""
+    states = classifier.states_from(indices, motions, progress)
+    return [states[index] for index in indices]
 
 
 def _kind(state: SteadyState) -> tuple[str, int]:

@@ -62,6 +62,35 @@ def read_speeds(text: str) -> list[float]:
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
 
 
+def read_range(text: str) -> tuple[str, list[float]]:
+    """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``;
+    :class:`ValueError` with a sentence if it is neither.
+    """
+    key, equals, values = text.rpartition("=")
+    words = values.split(":")
+    try:
+        if len(words) == 3:
+            first = float(words[0])
+            last = float(words[1])
+            steps = int(words[2])
+            most = min(steps, MOST_SPEEDS + 1)
+            numbers = [first + (last - first) * i / (steps - 1) for i in range(most)]
+        else:
+            numbers = [float(word) for word in values.split(",")]
+    except (ValueError, ZeroDivisionError):
+        numbers = []
+    if not equals or len(numbers) < 2 or not all(map(math.isfinite, numbers)):
+        raise ValueError(
+            f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as"
+            ' "crank damper.damping=100:400:13" or =100,200,400'
+        )
+    if len(numbers) > MOST_SPEEDS:
+        raise ValueError(
+            f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer"
+        )
+    return key.strip(), numbers
+
+
 def check_speed(train: TrainArrays, rpm: Numbers, *, many: bool = False) -> None:
     """Refuse a speed that is not a positive number or beyond any train, and several
     speeds unless ``many`` are allowed.

@@ -9,7 +9,7 @@ import pytest
 from reference_data import DATA
 
 import jaxhb
-from jaxhb.cli.values import over
+from jaxhb.train.speeds import read_range
 from jaxhb.integration.reference import integrate
 from jaxhb.steady.marching import MEMORY, MOST_STEPS, Equations
 from jaxhb.train.speeds import read_speeds

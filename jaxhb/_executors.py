@@ -1,0 +1,334 @@
+"""Executors: independent parts of a work on processes of this machine or of a cluster.
+
+A part is a function of a module and plain arguments. Any executor of
+:mod:`concurrent.futures` runs parts; those made here go on where a worker dies.
+Nothing here imports numpy or jax: a worker sets its environment first.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from functools import partial
+from itertools import islice
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+BESIDE_OTHERS = 1  # deaths of its worker after which a part runs alone
+ALONE = 3  # deaths of a worker that ran nothing else after which a part is given up
+WAITING = 2  # parts that wait for each worker, so that none is idle
+MANY = 1000  # parts handed out where an executor does not tell how many workers it has
+
+ONE_PROCESSOR = {"NPROC": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Environment of a worker: threads of jax, and of numpy."""
+
+
+class WorkerLost(RuntimeError):
+    """A part whose worker died each time: a sentence."""
+
+
+def processors() -> int:
+    """Number of processors that this process may use: NPROC, as for jax, or those that
+    the system or the scheduler of a cluster gave it.
+    """
+    limit = os.environ.get("NPROC", "")
+    if limit.isdecimal() and int(limit):
+        return int(limit)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_parts(
+    function: Callable[..., Result],
+    parts: Iterable[Sequence[Any]],
+    executor: Executor | None = None,
+    lost: Callable[[int, WorkerLost], Result] | None = None,
+) -> Generator[tuple[int, Result]]:
+    """Yield the number of each part and ``function(*arguments)`` for it as soon as it
+    is there; without an executor one after another, in this process.
+
+    parts : arguments of each part, taken when there is room for it; lost : gives the
+    result of a part that killed its workers, by default :class:`WorkerLost` is raised
+    """
+    numbered = enumerate(parts)
+    if executor is None:
+        for number, arguments in numbered:
+            yield number, function(*arguments)
+        return
+    pending: dict[Future, int] = {}
+    try:
+        while True:
+            room = _room(executor) - len(pending)
+            for number, arguments in islice(numbered, max(room, 0)):
+                pending[executor.submit(function, *arguments)] = number
+            if not pending:
+                return
+            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            for future in done:
+                number = pending.pop(future)
+                failure = future.exception()
+                if isinstance(failure, WorkerLost) and lost is not None:
+                    yield number, lost(number, failure)
+                else:
+                    yield number, future.result()
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _room(executor: Executor) -> int:
+    """Number of parts that an executor is given at a time."""
+    workers = getattr(executor, "workers", getattr(executor, "_max_workers", None))
+    return (1 + WAITING) * workers if isinstance(workers, int) else MANY
+
+
+class _Part:
+    """A part under way: its call, the future of its caller, and how often its worker
+    died.
+    """
+
+    def __init__(self, call: Callable[[], Any]):
+        self.call = call
+        self.future: Future = Future()
+        self.deaths = 0
+
+
+class LastingExecutor(Executor):
+    """An executor that outlives its workers: what ran on one that died runs again.
+
+    A part whose worker died beside others runs alone, so that the one that kills
+    workers is told from those that were near it; in the end it is
+    :class:`WorkerLost`. A subclass opens what runs the parts, and knows which failures
+    are its.
+    """
+
+    workers: int
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._inner: Executor | None = None
+        self._inner_alone: Executor | None = None
+        self._suspects: deque[_Part] = deque()
+        self._suspect_runs = False
+        self._closed = False
+
+    def open(self, workers: int) -> Executor:
+        """Open an executor with so many workers."""
+        raise NotImplementedError
+
+    def broke(self, failure: BaseException) -> bool:
+        """Whether a failure is that of workers, not of the part."""
+        raise NotImplementedError
+
+    def submit(self, function: Callable, /, *args: Any, **kwargs: Any) -> Future:
+        """Run a function on a worker."""
+        if self._closed:
+            raise RuntimeError("the executor is closed")
+        part = _Part(partial(function, *args, **kwargs))
+        self._run(part)
+        return part.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers."""
+        with self._lock:
+            self._closed = True
+            inner = [self._inner, self._inner_alone]
+        for executor in inner:
+            if executor is not None:
+                executor.shutdown(wait=wait, cancel_futures=cancel_futures)
+
+    def _run(self, part: _Part) -> None:
+        """Hand a part to the workers, to new ones where these have died."""
+        while True:
+            with self._lock:
+                inner = self._inner or self.open(self.workers)
+                self._inner = inner
+            try:
+                attempt = inner.submit(part.call)
+            except Exception as failure:
+                # Workers died that never had it.
+                if self._closed or not self.broke(failure):
+                    raise
+                self._forget(inner)
+            else:
+                attempt.add_done_callback(partial(self._ended, part, inner))
+                return
+
+    def _run_alone(self) -> None:
+        """Hand the next suspect to a worker that runs nothing else."""
+        with self._lock:
+            if self._suspect_runs or not self._suspects:
+                return
+            self._suspect_runs = True
+            part = self._suspects.popleft()
+            inner = self._inner_alone or self.open(1)
+            self._inner_alone = inner
+        attempt = inner.submit(part.call)
+
+        def ended(done: Future) -> None:
+            self._suspect_runs = False
+            self._ended(part, inner, done)
+            self._run_alone()
+
+        attempt.add_done_callback(ended)
+
+    def _ended(self, part: _Part, inner: Executor, attempt: Future) -> None:
+        """Take the end of an attempt at a part: its result, or that of its workers."""
+        if attempt.cancelled():
+            part.future.cancel()
+            part.future.set_running_or_notify_cancel()
+            return
+        failure = attempt.exception()
+        if failure is not None:
+            self._failed(part, failure, inner)
+        elif part.future.set_running_or_notify_cancel():
+            part.future.set_result(attempt.result())
+
+    def _failed(self, part: _Part, failure: BaseException, inner: Executor) -> None:
+        """Run a part again whose worker died; else its failure is that of the part."""
+        if self.broke(failure) and not self._closed:
+            self._forget(inner)
+            part.deaths += 1
+            if part.deaths <= BESIDE_OTHERS:
+                self._run(part)
+                return
+            if part.deaths < BESIDE_OTHERS + ALONE:
+                self._suspects.append(part)
+                self._run_alone()
+                return
+            failure = WorkerLost(
+                "the worker process ended each time it was computed, as where memory"
+                " is too little"
+            )
+        if part.future.set_running_or_notify_cancel():
+            part.future.set_exception(failure)
+
+    def _forget(self, inner: Executor) -> None:
+        """Let go of an executor whose workers have died."""
+        with self._lock:
+            if inner is self._inner:
+                self._inner = None
+            if inner is self._inner_alone:
+                self._inner_alone = None
+        inner.shutdown(wait=False)
+
+
+class Workers(LastingExecutor):
+    """Processes of this machine, one processor each, as an executor.
+
+    They share compiled programs on disk where :func:`jaxhb.cache_programs` was called
+    or the folder of programs is given. A worker that dies, for lack of memory say, is
+    replaced, and what it computed is computed again; a part that kills its worker each
+    time raises ``WorkerLost``. Scripts that use it need the usual ``if __name__ ==
+    "__main__":`` of :mod:`multiprocessing`.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; default: one for each processor.
+    programs : path, optional
+        Folder of compiled programs, as of :func:`jaxhb.cache_programs`.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> with jaxhb.Workers(2) as workers:  # doctest: +SKIP
+    ...     sweep = jaxhb.steady_state(train, rpm=speeds, executor=workers, chunk=50)
+    """
+
+    def __init__(self, workers: int | None = None, *, programs: Path | None = None):
+        super().__init__()
+        self.workers = processors() if workers is None else workers
+        if self.workers < 1:
+            raise ValueError(f"workers is {workers}, must be at least 1")
+        self.programs = programs
+
+    def open(self, workers: int) -> Executor:
+        """Open a pool of processes."""
+        return ProcessPoolExecutor(
+            workers,
+            get_context("spawn"),
+            initializer=_begin,
+            initargs=(self.programs,),
+        )
+
+    def broke(self, failure: BaseException) -> bool:
+        """Whether a process of the pool died."""
+        return isinstance(failure, BrokenProcessPool)
+
+
+def _begin(programs: Path | None) -> None:
+    """Begin as a worker: one processor, the programs of all, and an end with the
+    process that started it.
+    """
+    os.environ.update(ONE_PROCESSOR)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it sees to that
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    if programs is not None:
+        from jaxhb._program import keep_programs
+
+        keep_programs(programs)
+
+
+def _end_with(parent: Any) -> None:
+    """End this process when its parent has ended, however it did."""
+    parent.join()
+    os._exit(1)
+
+
+class Cluster(LastingExecutor):
+    """Workers of a Dask scheduler as an executor; needs ``jaxhb[cluster]``, there too.
+
+    The scheduler runs again what a worker that died was at; where the scheduler itself
+    was started anew, what was handed to it is handed out again.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, as ``"tcp://10.0.0.5:8786"``.
+    wait : float
+        Seconds to wait for a scheduler that is not there.
+    """
+
+    def __init__(self, address: str, *, wait: float = 600.0):
+        super().__init__()
+        self.address = address
+        self.wait = wait
+        self.dashboard = ""
+
+    def open(self, workers: int) -> Executor:
+        """Open a client of the scheduler."""
+        from distributed import Client
+
+        client = Client(self.address, timeout=self.wait)
+        self.dashboard = client.dashboard_link
+        return client.get_executor(pure=False)
+
+    @property
+    def workers(self) -> int:  # type: ignore[override]
+        """Number of threads of all workers at the moment."""
+        if self._inner is None:
+            return 1
+        return max(sum(self._inner._client.ncores().values()), 1)
+
+    def broke(self, failure: BaseException) -> bool:
+        """Whether the scheduler or its workers ended, not the part."""
+        from concurrent.futures import CancelledError
+
+        from distributed import KilledWorker
+        from distributed.comm import CommClosedError
+
+        if isinstance(failure, KilledWorker):
+            return True
+        return isinstance(failure, CancelledError | CommClosedError | OSError)

@@ -1,0 +1,166 @@
+"""A campaign: the rows of a study, part by part, by whatever executor there is.
+
+Parts are handed out a few for each worker, and rows are written by this process as they
+come: it holds nothing of those that are done, and goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from jaxhb._executors import WorkerLost, in_parts
+from jaxhb.studies.folder import CampaignFolder
+from jaxhb.studies.rows import LOST, Rows, rows_of, without_answer
+from jaxhb.studies.study import Part, Study, load_study
+
+
+@dataclass(frozen=True)
+class Largest:
+    """The largest value of a quantity over all rows, and its case."""
+
+    value: float
+    case: int
+    rpm: float
+
+
+@dataclass
+class Summary:
+    """Summary of the rows of a campaign.
+
+    cases : number of rows; kinds : how many there are of each kind of motion; problems
+    : of each problem; largest : by the heads of the quantities
+    """
+
+    folder: Path
+    cases: int = 0
+    kinds: dict[str, int] = field(default_factory=dict)
+    problems: dict[str, int] = field(default_factory=dict)
+    largest: dict[str, Largest] = field(default_factory=dict)
+
+
+def campaign(
+    study: Study | str | Path,
+    *,
+    folder: str | Path,
+    executor: Executor | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> Summary:
+    """Compute all cases of a study, and write them to a folder as rows.
+
+    Rows are in ``folder/rows``, a Parquet file for each part, which
+    ``pandas.read_parquet`` reads at every moment; ``docs/how_to/campaigns.md`` has the
+    columns. The same call goes on where it was stopped, whatever stopped it, and loses
+    no more than the parts under way. A train that is refused, a speed that fails and
+    one that kills its worker are rows with a problem, and stop nothing. Needs
+    ``jaxhb[cluster]``.
+
+    Parameters
+    ----------
+    study : Study, or the path of its file
+    folder : path
+    executor : concurrent.futures.Executor, optional
+        Where parts are computed: :class:`jaxhb.Workers`, :class:`jaxhb.Cluster`, or any
+        other; by default in this process. Rows are the same to the last bit on the same
+        kind of machine.
+    progress : callable, optional
+        Called with the number of cases done since the last call, those that were there
+        included.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    SceneError
+        Faults of the study, one sentence each.
+    CheckpointError
+        The folder holds another campaign, or cannot be written.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> done = jaxhb.campaign("damper.toml", folder="damper")  # doctest: +SKIP
+    """
+    study = study if isinstance(study, Study) else load_study(study)
+    report = progress or (lambda count: None)
+    kept = CampaignFolder(folder, study)
+    done = kept.done()
+    report(sum(len(study.part_at(number).rpm) for number in done))
+    missing = [number for number in range(study.parts) if number not in done]
+    # The first alone compiles what all others need.
+    for numbers in (missing[:1], missing[1:]):
+        for number, rows in _computed(study, numbers, executor):
+            kept.write(number, study.part_at(number), rows)
+            report(len(rows.rpm))
+    return summary(kept)
+
+
+def _computed(
+    study: Study, numbers: Sequence[int], executor: Executor | None
+) -> Iterator[tuple[int, Rows]]:
+    """Yield the numbers of parts and their rows, as they come."""
+
+    def lost(place: int, failure: WorkerLost) -> Rows:
+        part = study.part_at(numbers[place])
+        if len(part.rpm) == 1:
+            return without_answer(part, LOST, str(failure))
+        return _one_by_one(part, executor)
+
+    parts = ((study.part_at(number),) for number in numbers)
+    for place, rows in in_parts(rows_of, parts, executor, lost):
+        yield numbers[place], rows
+
+
+def _one_by_one(part: Part, executor: Executor | None) -> Rows:
+    """Rows of a part that killed its workers: each speed by itself, so that one alone
+    has no answer.
+    """
+    parts = [
+        dataclasses.replace(part, case=part.case + place, rpm=part.rpm[[place]])
+        for place in range(len(part.rpm))
+    ]
+
+    def lost(place: int, failure: WorkerLost) -> Rows:
+        return without_answer(parts[place], LOST, str(failure))
+
+    by_place = dict(in_parts(rows_of, ((one,) for one in parts), executor, lost))
+    together = Rows(part.rpm, by_place[0].numbers, np.empty((0, len(part.keep))))
+    for place in range(len(parts)):
+        rows = by_place[place]
+        together.kept = np.concatenate([together.kept, rows.kept])
+        together.kind += rows.kind
+        together.period += rows.period
+        together.status += rows.status
+        together.problem += rows.problem
+    return together
+
+
+def summary(kept: CampaignFolder) -> Summary:
+    """Summarise the rows that are there."""
+    heads = kept.study.columns
+    result = Summary(kept.folder)
+    for rows in kept.columns(["case", "rpm", "kind", "problem", *heads]):
+        result.cases += len(rows["case"])
+        for name, counts in (("kind", result.kinds), ("problem", result.problems)):
+            words, numbers = np.unique(rows[name].astype(str), return_counts=True)
+            for word, number in zip(words, numbers, strict=True):
+                counts[str(word)] = counts.get(str(word), 0) + int(number)
+        for head in heads:
+            values = np.nan_to_num(rows[head], nan=-np.inf)
+            place = int(np.argmax(values))
+            before = result.largest.get(head)
+            if before is None or values[place] > before.value:
+                result.largest[head] = Largest(
+                    float(values[place]),
+                    int(rows["case"][place]),
+                    float(rows["rpm"][place]),
+                )
+    result.problems.pop("", None)
+    return result
