@@ -307,6 +307,14 @@ class Cluster(LastingExecutor):
         self.wait = wait
         self.dashboard = ""
 
+    def connect(self) -> str:
+        """Wait for the scheduler; the address of the page that shows its work. OSError
+        where it does not answer.
+        """
+        with self._lock:
+            self._inner = self._inner or self.open(self.workers)
+        return self.dashboard
+
     def open(self, workers: int) -> Executor:
         """Open a client of the scheduler."""
         from distributed import Client

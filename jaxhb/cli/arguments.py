@@ -59,6 +59,26 @@ class ComputedOptions(ChangedOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ParallelOptions:
+    """Where independent parts are computed: by so many processes of this machine, or by
+    the workers of the scheduler at an address.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    quiet: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignOptions(ParallelOptions):
+    """Options of ``jaxhb campaign``: its study, and the folder of the rows."""
+
+    study: str
+    folder: str | None
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
 class FiringOptions:
     """Cylinders that do not fire, and those that have no gas torque at all."""
 

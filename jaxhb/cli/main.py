@@ -665,6 +665,36 @@ def identify() -> None:
     """
 
 
+@command(
+    cli.CampaignOptions,
+    "campaign_command",
+    "Exit status: 0 every case has an answer; 1 some have none; 2 invalid input; 3 an"
+    " error in the program.",
+    "campaign dampers.toml --workers 8",
+)
+@click.argument(
+    "study",
+    metavar="STUDY.toml",
+    type=click.Path(),
+    help="scenes, speeds, changes and what to keep",
+)
+@options.QUIET
+@options.PARALLEL
+@option(
+    "--out DIR",
+    "write the rows to this folder (default: the name of the study, here)",
+    to="folder",
+)
+@options.file("json", "write the summary for programs")
+def campaign() -> None:
+    """Very many trains and speeds: rows of a folder.
+
+    Computes all combinations of scenes, scenarios, misfires, changes and samples at all
+    speeds. Rows can be read while they are computed; stopped or killed, the same
+    command goes on: see docs/how_to/campaigns.md.
+    """
+
+
 SHELLS = ("bash", "zsh", "fish", "powershell")
 
 

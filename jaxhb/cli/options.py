@@ -112,6 +112,8 @@ class Command(click.Command):
             name: value for name, value in ctx.params.items() if name not in FORMATS
         }
         arguments = self.arguments(**options, files=files)
+        if isinstance(arguments, cli.CampaignOptions):
+            return self._function()(arguments)
         if not isinstance(arguments, cli.ChangedOptions):
             return getattr(inputs, self.function_name)(arguments)
         scenarios = operating_modes.modes(arguments)
@@ -127,10 +129,7 @@ class Command(click.Command):
                 inputs.check_files(arguments)
             # It takes a fraction of the time of importing jax.
             train = inputs.read(arguments, constant_links)
-        _prepare_to_compute()
-        function = getattr(
-            importlib.import_module(f"jaxhb.cli.{self.work}"), self.function_name
-        )
+        function = self._function()
         if train is not None:
             return function(train, arguments)
         from jaxhb.cli.resume import as_one
@@ -142,6 +141,12 @@ class Command(click.Command):
                 scenarios,
                 lambda one_mode: inputs.read(one_mode, constant_links),
             )
+
+    def _function(self) -> Callable[..., int]:
+        """The function of the command, ready to compute."""
+        _prepare_to_compute()
+        module = importlib.import_module(f"jaxhb.cli.{self.work}")
+        return getattr(module, self.function_name)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does, but for what the class says; every fault knows its
@@ -367,6 +372,21 @@ def misfire(more: str = "") -> Callable:
 
 
 EACH_MISFIRE = misfire("; each: every cylinder in turn, and the worst one")
+
+
+PARALLEL = together(
+    option(
+        "--workers N",
+        "compute in so many processes of this machine, one processor each",
+        whole,
+    ),
+    option(
+        "--scheduler ADDRESS",
+        "compute on the workers of this Dask scheduler, as tcp://10.0.0.5:8786 (needs"
+        " jaxhb[cluster])",
+    ),
+)
+"""Where independent parts are computed."""
 
 
 def certify(where: str = "") -> Callable:

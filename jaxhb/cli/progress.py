@@ -10,6 +10,7 @@ from typing import TextIO
 
 BEGUN = "computing"  # before anything is said
 INTERVAL = 0.5  # seconds between lines on a terminal
+MANY = 1000  # steps from which their rate tells how long all take
 LOGGED = 30.0  # the same where stderr is none
 
 
@@ -23,6 +24,7 @@ class Progress:
     ):
         self.total = total
         self.done = 0
+        self.before = 0
         self.text = ""
         self.width = 0
         self.stream = None if quiet else stream or sys.stderr
@@ -51,11 +53,25 @@ class Progress:
         """Count ``count`` further steps."""
         self.done += count
 
+    def resume(self, count: int) -> None:
+        """Count steps that were done before."""
+        self.before = count
+        self.done += count
+
+    def _left(self, seconds: float) -> str:
+        """How long it takes yet, as a line tells it; "" where nothing is known."""
+        done = self.done - self.before
+        if not done or self.total < MANY:
+            return ""
+        rate = done / seconds
+        return f", {rate:.3g} a second, {(self.total - self.done) / rate:.0f} s to go"
+
     def _tick(self) -> None:
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
             count = f"{self.done} of {self.total}" if self.total > 1 else ""
             text = ": ".join(filter(None, [count, self.text])) or BEGUN
-            line = f"{text} ({time.monotonic() - self.begin:.0f} s)"
+            seconds = time.monotonic() - self.begin
+            line = f"{text} ({seconds:.0f} s{self._left(seconds)})"
             self._write(f"\r{line:<{self.width}}" if self.terminal else f"{line}\n")
             self.width = len(line)
 

@@ -33,11 +33,11 @@ class Largest:
 class Summary:
     """Summary of the rows of a campaign.
 
-    cases : number of rows; kinds : how many there are of each kind of motion; problems
+    rows : the folder that holds them; cases : their number; kinds : how many there are of each kind of motion; problems
     : of each problem; largest : by the heads of the quantities
     """
 
-    folder: Path
+    rows: Path
     cases: int = 0
     kinds: dict[str, int] = field(default_factory=dict)
     problems: dict[str, int] = field(default_factory=dict)
@@ -69,8 +69,8 @@ def campaign(
         other; by default in this process. Rows are the same to the last bit on the same
         kind of machine.
     progress : callable, optional
-        Called with the number of cases done since the last call, those that were there
-        included.
+        Called with the number of cases that are there already, then with those done
+        since the last call.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def _one_by_one(part: Part, executor: Executor | None) -> Rows:
 def summary(kept: CampaignFolder) -> Summary:
     """Summarise the rows that are there."""
     heads = kept.study.columns
-    result = Summary(kept.folder)
+    result = Summary(kept.rows)
     for rows in kept.columns(["case", "rpm", "kind", "problem", *heads]):
         result.cases += len(rows["case"])
         for name, counts in (("kind", result.kinds), ("problem", result.problems)):

@@ -156,6 +156,22 @@ class Study:
             keep=self.keep,
         )
 
+    def design_of(self, case: int) -> dict[str, Any]:
+        """What makes the train of a case: its scene, scenario, misfire and numbers, by
+        name.
+        """
+        design, _ = divmod(case, len(self.rpm))
+        part = self.part_at(design * self.parts_of_design)
+        variant = part.variant
+        place: dict[str, Any] = {
+            "scene": variant.scene,
+            "scenario": variant.scenario,
+            "misfire": variant.misfire,
+        }
+        if part.sample >= 0:
+            place["sample"] = part.sample
+        return place | part.values
+
     @cached_property
     def _ratios(self) -> list[list[dict[str, float]]]:
         """Ratios of the numbers of each sample to their own values, by variant."""
