@@ -196,8 +196,9 @@ def probe_balance(
     which move what loads that cancel each other do not: an undamped mode at its
     resonance. Zero where every link is damped, as there is none.
     """
-    system, omega, load = jax.lax.stop_gradient((system, omega, load))
     xp = namespace(system, omega, load)
+    if xp is not np:  # a status, which it is for, has no derivative
+        system, omega, load = lax.stop_gradient((system, omega, load))
     undamped = xp.any((system.viscous == 0) & (system.loss == 0))
 
     def probe() -> tuple[Array, Array, Array]:
