@@ -180,7 +180,8 @@ class CondensedTrain:
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of
     transmission errors included; columns ``(S, G)`` of D^T of the active meshes;
     balance : how the train takes the load alone, and another that is as large
-    (``balance`` and ``probe_balance`` of ``dynamic_stiffness``), ``(2E+2,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
+    (``balance`` and ``probe_balance`` of :mod:`~jaxhb.equations.dynamic_stiffness`),
+    ``(2E+2,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
     E+1)`` m and link forces ``(L, E+1)`` N under the load alone, where there is no
     active mesh.
     """
