@@ -33,6 +33,7 @@ from jaxhb.equations.dynamic_stiffness import (
     balance,
     frequencies,
     link_stiffness,
+    probe_balance,
     receptance,
     solve_linear,
 )
@@ -178,8 +179,9 @@ class CondensedTrain:
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of
     transmission errors included; columns ``(S, G)`` of D^T of the active meshes;
-    balance : how the train takes the load alone (``dynamic_stiffness.balance``),
-    ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
+    balance : how the train takes the load alone, and another that is as large
+    (``balance`` and ``probe_balance`` of :mod:`~jaxhb.equations.dynamic_stiffness`),
+    ``(2E+2,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
     E+1)`` m and link forces ``(L, E+1)`` N under the load alone, where there is no
     active mesh.
     """
@@ -387,7 +389,14 @@ def linear_motion(
         in_contact,
         variation=meshes.variation,
     )
-    load_balance = balance(system, excited, load, displacement, force)
+    load_balance = tuple(
+        namespace(load).concatenate(parts)
+        for parts in zip(
+            balance(system, excited, load, displacement, force),
+            probe_balance(system, excited, load),
+            strict=True,
+        )
+    )
     alone = None if columns.shape[1] else (displacement, force)
     train = CondensedTrain(system, frequency, load, columns, load_balance, every, alone)
     return equation, train

@@ -189,6 +189,36 @@ def balance(
     return largest_left, largest_load, xp.maximum(largest_force, largest_disk_force)
 
 
+def probe_balance(
+    system: System, omega: Array, load: Array
+) -> tuple[Array, Array, Array]:
+    """:func:`balance` ``(H,)`` of other loads ``(S, H)``, as large at every frequency,
+    which move what loads that cancel each other do not: an undamped mode at its
+    resonance. Zero where every link is damped, as there is none.
+    """
+    xp = namespace(system, omega, load)
+    if xp is not np:  # a status, which it is for, has no derivative
+        system, omega, load = lax.stop_gradient((system, omega, load))
+    undamped = xp.any((system.viscous == 0) & (system.loss == 0))
+
+    def probe() -> tuple[Array, Array, Array]:
+        # Incommensurable weights: no mode is orthogonal to them but by accident. Means
+        # are judged by themselves.
+        weights = xp.cos(xp.arange(1.0, len(load) + 1))
+        largest = xp.max(_size(load), axis=0, initial=0.0)
+        probes = weights[:, None] * xp.where(omega == 0, 0.0, largest) + 0j
+        displacement, force = solve_linear(system, omega, probes[:, None])
+        return balance(system, omega, probes, displacement[:, 0], force[:, 0])
+
+    def nothing() -> tuple[Array, Array, Array]:
+        zeros = xp.zeros(len(omega))
+        return zeros, zeros, zeros
+
+    if xp is np:
+        return probe() if undamped else nothing()
+    return lax.cond(undamped, probe, nothing)
+
+
 def _size(values: Array) -> Array:
     """Sum of the moduli of real and imaginary part."""
     xp = namespace(values)

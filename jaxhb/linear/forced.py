@@ -482,6 +482,10 @@ def _fields(
     residual, status = residual_and_status(
         *dynamic_stiffness.balance(system, omega, load, displacement, force)
     )
+    _, probed = residual_and_status(
+        *dynamic_stiffness.probe_balance(system, omega, load)
+    )
+    status = jnp.maximum(status, probed)
     # For the mean the sweep holds a floating train at its root: the rigid rotation that
     # this leaves is taken out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)

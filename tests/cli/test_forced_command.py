@@ -271,8 +271,8 @@ def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, run):
     completed = run(f"{line} {RESONANCE!r}", "json", status=1)
     assert "worst misfire" not in completed.out
     assert "worst_misfire" not in completed.json
-    # With both firing the torques of both disks cancel, and rounding is left.
-    assert completed.err.count("NEAR_SINGULAR") == 2
+    # With both firing the torques of both disks cancel: the amplitude may be any.
+    assert completed.err.count("NEAR_SINGULAR") == 3
 
 
 LIMITED = "--rpm 80,85,120 --cut-off each"

@@ -226,6 +226,15 @@ SINGULAR = {
     # Regular, but the tree under disk 3 is at resonance where disk 2 rests: elimination
     # leaves no digit of disk 3.
     "no digit left": loaded(chain_parts([2.0, 3.0, 1.0], [70.0, 100.0]), at="3"),
+    "torques that cancel": loaded(
+        [
+            *chain_parts([2.0, 2.0], [100.0]),
+            Torque(disk="2", harmonics=((1.0, 1.0, 0.0),)),
+        ]
+    ),
+    "torque where the mode rests": loaded(
+        chain_parts([1.0, 2.0, 1.0], [100.0, 100.0]), at="2"
+    ),
 }
 
 
@@ -237,7 +246,13 @@ def test_equations_without_an_answer_are_singular_whatever_the_rounding(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["no digit left", "loop whose last pivot is exactly zero"]
+    "name",
+    [
+        "no digit left",
+        "loop whose last pivot is exactly zero",
+        "torques that cancel",
+        "torque where the mode rests",
+    ],
 )
 def test_a_solve_judges_as_the_forced_response_does(name):
     assert jaxhb.solve(SINGULAR[name], rpm=TEN).status == Status.NEAR_SINGULAR
