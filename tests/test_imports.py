@@ -31,6 +31,7 @@ ROOMS = [
     "steady",
     "branches",
     "design",
+    "studies",
     "report",
     "cli",
 ]

@@ -6,6 +6,7 @@ that it inherits.
 """
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -61,12 +62,14 @@ class ComputedOptions(ChangedOptions):
 @dataclass(frozen=True, kw_only=True)
 class ParallelOptions:
     """Where independent parts are computed: by so many processes of this machine, or by
-    the workers of the scheduler at an address.
+    the workers of the scheduler at an address; ``executor`` is what the command opens
+    for it.
     """
 
-    workers: int | None = None
-    scheduler: str | None = None
+    workers: int | None
+    scheduler: str | None
     quiet: bool = False
+    executor: Executor | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +160,9 @@ class SolveOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions):
+class SweepOptions(
+    ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
+):
     """Options of ``jaxhb sweep``; ``over`` is the number of the scene that it goes over
     instead of the speed, and its values.
     """
@@ -171,7 +176,9 @@ class SweepOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions(ComputedOptions, FiringOptions, MotionOptions, SpectraOptions):
+class ReportOptions(
+    ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
+):
     """Options of ``jaxhb report``."""
 
     rpm: list[float]

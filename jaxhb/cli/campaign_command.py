@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.executors import executor_of
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON
 from jaxhb.report.files import output
@@ -27,17 +26,14 @@ def campaign(arguments: cli.CampaignOptions) -> int:
         )
     study = load_study(arguments.study)
     folder = Path(arguments.folder or study.name)
-    with (
-        Progress(study.cases, quiet=arguments.quiet) as progress,
-        executor_of(arguments) as executor,
-    ):
+    with Progress(study.cases, quiet=arguments.quiet) as progress:
         progress.say("cases")
         try:
             counts = iter([progress.resume])
             summary = run(
                 study,
                 folder=folder,
-                executor=executor,
+                executor=arguments.executor,
                 progress=lambda count: next(counts, progress.advance)(count),
             )
         except KeyboardInterrupt as stop:

@@ -310,6 +310,7 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
                 progress=progress.advance,
                 say=progress.say,
                 on_answers=files.note,
+                executor=arguments.executor,
             )
         progress.say(f"values of {axis.name}")
         return answer_values(

@@ -423,6 +423,7 @@ def solve() -> None:
 @options.RPM
 @options.misfire()
 @options.MOTION
+@options.PARALLEL
 @option(
     "--direction {up,down,both}",
     "neighbour from which a speed starts: the next lower (up, default), the next higher"
@@ -475,6 +476,7 @@ def sweep() -> None:
 @options.RPM
 @options.EACH_MISFIRE
 @options.MOTION
+@options.PARALLEL
 @options.files("the torque on one gear over the cycle, in normal running")
 @options.GEAR
 @option(

@@ -98,7 +98,7 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> int:
         """Run the function of the command; its exit status."""
-        from jaxhb.cli import inputs, operating_modes
+        from jaxhb.cli import inputs
 
         for first, second in (("hz", "mode"), ("tuned", "tune")):
             if ctx.params.get(first) and ctx.params.get(second):
@@ -112,6 +112,17 @@ class Command(click.Command):
             name: value for name, value in ctx.params.items() if name not in FORMATS
         }
         arguments = self.arguments(**options, files=files)
+        if not isinstance(arguments, cli.ParallelOptions):
+            return self._run(arguments)
+        from jaxhb.cli.executors import executor_of
+
+        with executor_of(arguments) as executor:
+            return self._run(dataclasses.replace(arguments, executor=executor))
+
+    def _run(self, arguments: Any) -> int:
+        """Run the function of the command with its options."""
+        from jaxhb.cli import inputs, operating_modes
+
         if isinstance(arguments, cli.CampaignOptions):
             return self._function()(arguments)
         if not isinstance(arguments, cli.ChangedOptions):

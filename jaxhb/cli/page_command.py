@@ -146,6 +146,7 @@ def _compute(
         rpm,
         question,
         folder=folder,
+        executor=arguments.executor,
         say=progress.say,
         advance=progress.advance,
     )
@@ -177,6 +178,7 @@ def _compute(
         rpm,
         question,
         folder=place_in(folder, second_folder),
+        executor=arguments.executor,
         say=progress.say,
         advance=progress.advance,
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -94,13 +95,14 @@ def answer_speeds(
     progress: Callable[[int], object] | None = None,
     say: Callable[[str], None] = lambda text: None,
     on_answers: Callable[[Answers], object] | None = None,
+    executor: Executor | None = None,
 ) -> Answers:
     """Compute answers in the order of ``rpm`` by the direction of the sweep, ``{"up":
     [Answer, ...]}``, ``"down"`` or both, ``"orbit"`` for orbits.
 
-    out, chunk : as of :func:`jaxhb.steady_state`; progress : called with the number of
-    speeds done since the last call; say : called with a sentence at every stage;
-    on_answers : called now and then with the answers so far
+    out, chunk, executor : as of :func:`jaxhb.steady_state`; progress : called with the
+    number of speeds done since the last call; say : called with a sentence at every
+    stage; on_answers : called now and then with the answers so far
     """
     speeds = np.array(rpm, dtype=float)
     about = "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
@@ -110,7 +112,12 @@ def answer_speeds(
     closed: list[SteadyState | None] = [None] * len(speeds)
     if linear[0].status != Status.UNBALANCED:
         closed = _closed_states(
-            train, speeds, options, "down" if direction == "down" else "up", say
+            train,
+            speeds,
+            options,
+            "down" if direction == "down" else "up",
+            say,
+            executor,
         )
     states_so_far: dict[str, dict[int, SteadyState]] = {}
     answer_of_state: dict[int, Answer] = {}
@@ -152,6 +159,7 @@ def answer_speeds(
             chunk=chunk,
             progress=progress,
             on_states=lambda states: note(states, "orbit"),
+            executor=executor,
         )
         states_by_way = {"orbit": orbits}
     elif linear[0].status == Status.UNBALANCED:
@@ -188,6 +196,7 @@ def answer_speeds(
             chunk=chunk,
             progress=progress,
             on_states=note,
+            executor=executor,
         )
         states_by_way = {
             sweep.direction: sweep.states
@@ -206,6 +215,7 @@ def _closed_states(
     options: Asked,
     direction: Literal["up", "down"],
     say: Callable[[str], None],
+    executor: Executor | None,
 ) -> list[SteadyState | None]:
     """Compute a SteadyState for every speed with the gaps of meshes closed; None for
     all where that is the linear motion, or where there is no gap.
@@ -216,7 +226,11 @@ def _closed_states(
     closed = in_contact(train)
     if options.orbit:
         states = orbit_states(
-            closed, rpm, harmonics=options.harmonics, tolerance=options.tolerance
+            closed,
+            rpm,
+            harmonics=options.harmonics,
+            tolerance=options.tolerance,
+            executor=executor,
         )
         return list(states)
     sweep = steady_state(
@@ -225,6 +239,7 @@ def _closed_states(
         direction=direction,
         harmonics=options.harmonics,
         tolerance=options.tolerance,
+        executor=executor,
     )
     return list(sweep.states)
 
@@ -295,6 +310,7 @@ def solve_cases(
     folder: Path | Cached | None = None,
     say: Callable[[str], None] = lambda text: None,
     advance: Callable[[int], object] = lambda count: None,
+    executor: Executor | None = None,
 ) -> list[Case]:
     """Compute a :class:`Case` of every train of ``{title: train}`` at every speed
     upwards; states are stored in a ``folder``.
@@ -313,6 +329,7 @@ def solve_cases(
             chunk=1 if folder else None,
             progress=advance,
             say=say_with_title,
+            executor=executor,
         ).values()
         cases.append(Case(title, answers))
     return cases

@@ -5,10 +5,13 @@ the worst of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from jaxhb._executors import in_parts
 from jaxhb._jax import Array, Numbers
 from jaxhb._shown import brief
 from jaxhb.elements.sentences import SceneError
@@ -72,6 +75,7 @@ def misfire_each(
     harmonics: int | None = None,
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
+    executor: Executor | None = None,
 ) -> Misfires:
     """Solve at many speeds with all cylinders firing, and with each in turn not firing:
     :meth:`DriveTrain.misfires`.
@@ -84,6 +88,8 @@ def misfire_each(
     solve : callable
         :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear
         train, which has no ``tolerance``.
+    executor : concurrent.futures.Executor, optional
+        Where the trains are solved, as :class:`jaxhb.Workers`.
 
     Raises
     ------
@@ -101,7 +107,14 @@ def misfire_each(
     ('cylinder 2', 1800.0, 1.2)
     """
     return _each(
-        train, train.misfires(), rpm, harmonics, tolerance, solve, cut_off=False
+        train,
+        train.misfires(),
+        rpm,
+        harmonics,
+        tolerance,
+        solve,
+        executor,
+        cut_off=False,
     )
 
 
@@ -112,6 +125,7 @@ def cut_off_each(
     harmonics: int | None = None,
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
+    executor: Executor | None = None,
 ) -> Misfires:
     """Solve with each cylinder in turn cut off, without compression too:
     :meth:`DriveTrain.cut_offs`.
@@ -130,7 +144,14 @@ def cut_off_each(
     'cylinder 4'
     """
     return _each(
-        train, train.cut_offs(), rpm, harmonics, tolerance, solve, cut_off=True
+        train,
+        train.cut_offs(),
+        rpm,
+        harmonics,
+        tolerance,
+        solve,
+        executor,
+        cut_off=True,
     )
 
 
@@ -141,6 +162,7 @@ def _each(
     harmonics: int | None,
     tolerance: float | None,
     solve: Callable[..., Response],
+    executor: Executor | None,
     *,
     cut_off: bool,
 ) -> Misfires:
@@ -153,8 +175,11 @@ def _each(
     arguments = {"rpm": rpm} | {
         name: value for name, value in accuracy.items() if value is not None
     }
-    responses = {name: solve(changed, **arguments) for name, changed in trains.items()}
-    return Misfires(solve(alike(train, cut_off=cut_off), **arguments), responses)
+    cases = [alike(train, cut_off=cut_off), *trains.values()]
+    parts = ((case,) for case in cases)
+    responses = dict(in_parts(partial(solve, **arguments), parts, executor))
+    misfiring = {name: responses[number] for number, name in enumerate(trains, 1)}
+    return Misfires(responses[0], misfiring)
 
 
 def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:

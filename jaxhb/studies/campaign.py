@@ -33,8 +33,9 @@ class Largest:
 class Summary:
     """Summary of the rows of a campaign.
 
-    rows : the folder that holds them; cases : their number; kinds : how many there are of each kind of motion; problems
-    : of each problem; largest : by the heads of the quantities
+    rows : the folder that holds them; cases : their number; kinds : how many there are
+    of each kind of motion; problems : of each problem; largest : by the heads of the
+    quantities
     """
 
     rows: Path
