@@ -326,9 +326,8 @@ class Cluster(LastingExecutor):
     @property
     def workers(self) -> int:  # type: ignore[override]
         """Number of threads of all workers at the moment."""
-        if self._inner is None:
-            return 1
-        return max(sum(self._inner._client.ncores().values()), 1)
+        client: Any = getattr(self._inner, "_client", None)
+        return max(sum(client.ncores().values()), 1) if client else 1
 
     def broke(self, failure: BaseException) -> bool:
         """Whether the scheduler or its workers ended, not the part."""

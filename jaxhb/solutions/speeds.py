@@ -113,6 +113,7 @@ def solve_speeds(
         indices = [i for i, speed_plan in enumerate(plans) if speed_plan == shared]
         alone = plan is None and shared.marches and len(devices) < 2
         swept_request = request if alone else None
+        batches: Iterator[tuple[list[int], list[Response]]]
         # Batches of speeds in contact are programs for so many, and as fast.
         if executor is not None and shared.active:
             parts = [indices[i : i + PART] for i in range(0, len(indices), PART)]

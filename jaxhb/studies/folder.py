@@ -93,7 +93,7 @@ class CampaignFolder:
 
         count = len(rows.rpm)
         variant = part.variant
-        same = {
+        same: dict[str, Any] = {
             "scene": variant.scene,
             "scenario": variant.scenario,
             "misfire": variant.misfire,

@@ -126,6 +126,7 @@ def _design(part: Part) -> DriveTrain:
 def _states(train: DriveTrain, part: Part, rpm: np.ndarray) -> Sequence[SteadyState]:
     """Answers at speeds ``(n,)``."""
     accuracy = part.accuracy
+    responses: Response
     if accuracy.answers == "forced":
         responses = forced_response(train, rpm=rpm, harmonics=accuracy.harmonics)
     elif accuracy.answers == "orbit":

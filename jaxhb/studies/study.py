@@ -369,26 +369,21 @@ class _Reader:
 
     def _change(self, table: Mapping[str, Any]) -> Change:
         """The Change of a table; a ValueError with a sentence where it is none."""
-        if "name" in table:
-            names = [table["name"]]
-            values = table.get("values")
-            if isinstance(values, str):
-                _, values = read_range(f"{names[0]}={values}")
-            rows = [[value] for value in values] if _numbers(values) else None
-        else:
-            names = table.get("names", [])
-            rows = table.get("rows")
-            if isinstance(rows, str):
-                text = read_text(self.file.parent / rows)
-                rows = [list(row) for row in number_rows(text, names, rows)]
-        if not (names and _texts(names)):
+        names: Any = [table["name"]] if "name" in table else table.get("names")
+        if not _texts(names):
             raise ValueError(
                 'give name = "NAME.FIELD" with values, or names with rows.'
             )
-        is_table = isinstance(rows, list) and rows
-        if not is_table or not all(
-            _numbers(row) and len(row) == len(names) for row in rows
-        ):
+        rows: Any = table.get("values" if "name" in table else "rows")
+        if isinstance(rows, str) and "name" in table:
+            _, rows = read_range(f"{names[0]}={rows}")
+        elif isinstance(rows, str):
+            text = read_text(self.file.parent / rows)
+            rows = [list(row) for row in number_rows(text, names, rows)]
+        if "name" in table and _numbers(rows):
+            rows = [[value] for value in rows]
+        is_table = isinstance(rows, list) and all(map(_numbers, rows))
+        if not (rows and is_table and all(len(row) == len(names) for row in rows)):
             raise ValueError(
                 "give values, a list of numbers or A:B:COUNT, of one name, or rows of"
                 " as many numbers as there are names, or the CSV file that has them."
