@@ -12,12 +12,19 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
 from multiprocessing import get_context, parent_process
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
@@ -101,6 +108,15 @@ class _Part:
         self.future: Future = Future()
         self.deaths = 0
 
+    def end(self, failure: BaseException | None, result: Any = None) -> None:
+        """Tell the caller how it ended."""
+        if not self.future.set_running_or_notify_cancel():
+            return
+        if failure is None:
+            self.future.set_result(result)
+        else:
+            self.future.set_exception(failure)
+
 
 class LastingExecutor(Executor):
     """An executor that outlives its workers: what ran on one that died runs again.
@@ -114,11 +130,13 @@ class LastingExecutor(Executor):
     workers: int
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()
+        # What is to be done next, by one thread: pools call back under locks of theirs.
+        self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._work, daemon=True)
         self._inner: Executor | None = None
         self._inner_alone: Executor | None = None
         self._suspects: deque[_Part] = deque()
-        self._suspect_runs = False
+        self._suspect: _Part | None = None
         self._closed = False
 
     def open(self, workers: int) -> Executor:
@@ -133,92 +151,99 @@ class LastingExecutor(Executor):
         """Run a function on a worker."""
         if self._closed:
             raise RuntimeError("the executor is closed")
+        if self._thread.ident is None:
+            self._thread.start()
         part = _Part(partial(function, *args, **kwargs))
-        self._run(part)
+        self._tasks.put(partial(self._run, part))
         return part.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers."""
-        with self._lock:
-            self._closed = True
-            inner = [self._inner, self._inner_alone]
-        for executor in inner:
+        """End the workers, what is under way too where futures are cancelled."""
+        self._closed = True
+        if self._thread.ident is None:
+            self._close(wait, cancel_futures)
+            return
+        self._tasks.put(partial(self._close, wait, cancel_futures))
+        self._tasks.put(None)
+        if wait:
+            self._thread.join()
+
+    def _work(self) -> None:
+        """Do what is to be done, until the executor is closed."""
+        while (task := self._tasks.get()) is not None:
+            task()
+
+    def _close(self, wait: bool, cancel_futures: bool) -> None:
+        for executor in (self._inner, self._inner_alone):
             if executor is not None:
                 executor.shutdown(wait=wait, cancel_futures=cancel_futures)
 
     def _run(self, part: _Part) -> None:
         """Hand a part to the workers, to new ones where these have died."""
         while True:
-            with self._lock:
-                inner = self._inner or self.open(self.workers)
-                self._inner = inner
             try:
+                inner = self._inner = self._inner or self.open(self.workers)
                 attempt = inner.submit(part.call)
             except Exception as failure:
-                # Workers died that never had it.
-                if self._closed or not self.broke(failure):
-                    raise
-                self._forget(inner)
+                if self._inner is None or not self.broke(failure):
+                    part.end(failure)
+                    return
+                self._forget(self._inner)  # workers died that never had it
             else:
-                attempt.add_done_callback(partial(self._ended, part, inner))
+                self._await(part, inner, attempt)
                 return
 
     def _run_alone(self) -> None:
         """Hand the next suspect to a worker that runs nothing else."""
-        with self._lock:
-            if self._suspect_runs or not self._suspects:
-                return
-            self._suspect_runs = True
-            part = self._suspects.popleft()
-            inner = self._inner_alone or self.open(1)
-            self._inner_alone = inner
-        attempt = inner.submit(part.call)
+        if self._suspect is not None or not self._suspects:
+            return
+        part = self._suspect = self._suspects.popleft()
+        try:
+            inner = self._inner_alone = self._inner_alone or self.open(1)
+            attempt = inner.submit(part.call)
+        except Exception as failure:
+            self._suspect = None
+            part.end(failure)
+        else:
+            self._await(part, inner, attempt)
 
-        def ended(done: Future) -> None:
-            self._suspect_runs = False
-            self._ended(part, inner, done)
-            self._run_alone()
-
-        attempt.add_done_callback(ended)
+    def _await(self, part: _Part, inner: Executor, attempt: Future) -> None:
+        ended = partial(self._ended, part, inner, attempt)
+        attempt.add_done_callback(lambda _: self._tasks.put(ended))
 
     def _ended(self, part: _Part, inner: Executor, attempt: Future) -> None:
         """Take the end of an attempt at a part: its result, or that of its workers."""
-        if attempt.cancelled():
-            part.future.cancel()
-            part.future.set_running_or_notify_cancel()
-            return
-        failure = attempt.exception()
-        if failure is not None:
-            self._failed(part, failure, inner)
-        elif part.future.set_running_or_notify_cancel():
-            part.future.set_result(attempt.result())
-
-    def _failed(self, part: _Part, failure: BaseException, inner: Executor) -> None:
-        """Run a part again whose worker died; else its failure is that of the part."""
-        if self.broke(failure) and not self._closed:
+        if part is self._suspect:
+            self._suspect = None
+        failure = (
+            CancelledError() if attempt.cancelled() else attempt.exception(timeout=0)
+        )
+        if failure is None:
+            part.end(None, attempt.result(timeout=0))
+        elif self._closed or not self.broke(failure):
+            part.end(failure)
+        else:
             self._forget(inner)
             part.deaths += 1
             if part.deaths <= BESIDE_OTHERS:
                 self._run(part)
-                return
-            if part.deaths < BESIDE_OTHERS + ALONE:
+            elif part.deaths < BESIDE_OTHERS + ALONE:
                 self._suspects.append(part)
-                self._run_alone()
-                return
-            failure = WorkerLost(
-                "the worker process ended each time it was computed, as where memory"
-                " is too little"
-            )
-        if part.future.set_running_or_notify_cancel():
-            part.future.set_exception(failure)
+            else:
+                part.end(
+                    WorkerLost(
+                        "the worker process ended each time it was computed, as where"
+                        " memory is too little"
+                    )
+                )
+        self._run_alone()
 
     def _forget(self, inner: Executor) -> None:
         """Let go of an executor whose workers have died."""
-        with self._lock:
-            if inner is self._inner:
-                self._inner = None
-            if inner is self._inner_alone:
-                self._inner_alone = None
+        if inner is self._inner:
+            self._inner = None
+        if inner is self._inner_alone:
+            self._inner_alone = None
         inner.shutdown(wait=False)
 
 
@@ -311,8 +336,7 @@ class Cluster(LastingExecutor):
         """Wait for the scheduler; the address of the page that shows its work. OSError
         where it does not answer.
         """
-        with self._lock:
-            self._inner = self._inner or self.open(self.workers)
+        self._inner = self._inner or self.open(self.workers)
         return self.dashboard
 
     def open(self, workers: int) -> Executor:
@@ -331,8 +355,6 @@ class Cluster(LastingExecutor):
 
     def broke(self, failure: BaseException) -> bool:
         """Whether the scheduler or its workers ended, not the part."""
-        from concurrent.futures import CancelledError
-
         from distributed import KilledWorker
         from distributed.comm import CommClosedError
 
