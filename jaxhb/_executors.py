@@ -30,6 +30,7 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 BESIDE_OTHERS = 1  # deaths of its worker after which a part runs alone
+OPENED = 3  # times that workers are opened for a part which they do not take
 ALONE = 3  # deaths of a worker that ran nothing else after which a part is given up
 WAITING = 2  # parts that wait for each worker, so that none is idle
 MANY = 1000  # parts handed out where an executor does not tell how many workers it has
@@ -147,6 +148,10 @@ class LastingExecutor(Executor):
         """Whether a failure is that of workers, not of the part."""
         raise NotImplementedError
 
+    def end(self, inner: Executor, wait: bool, cancel_futures: bool) -> None:
+        """End an executor that :meth:`open` opened."""
+        inner.shutdown(wait=wait, cancel_futures=cancel_futures)
+
     def submit(self, function: Callable, /, *args: Any, **kwargs: Any) -> Future:
         """Run a function on a worker."""
         if self._closed:
@@ -176,22 +181,25 @@ class LastingExecutor(Executor):
     def _close(self, wait: bool, cancel_futures: bool) -> None:
         for executor in (self._inner, self._inner_alone):
             if executor is not None:
-                executor.shutdown(wait=wait, cancel_futures=cancel_futures)
+                self.end(executor, wait, cancel_futures)
 
     def _run(self, part: _Part) -> None:
         """Hand a part to the workers, to new ones where these have died."""
-        while True:
+        failure: Exception | None = None
+        for _ in range(OPENED):
+            if part.future.cancelled():
+                return
             try:
                 inner = self._inner = self._inner or self.open(self.workers)
                 attempt = inner.submit(part.call)
-            except Exception as failure:
-                if self._inner is None or not self.broke(failure):
-                    part.end(failure)
-                    return
-                self._forget(self._inner)  # workers died that never had it
+            except Exception as error:
+                failure = error
+                if self._inner is not None:  # workers died that never had it
+                    self._forget(self._inner)
             else:
                 self._await(part, inner, attempt)
                 return
+        part.end(failure)
 
     def _run_alone(self) -> None:
         """Hand the next suspect to a worker that runs nothing else."""
@@ -210,11 +218,17 @@ class LastingExecutor(Executor):
     def _await(self, part: _Part, inner: Executor, attempt: Future) -> None:
         ended = partial(self._ended, part, inner, attempt)
         attempt.add_done_callback(lambda _: self._tasks.put(ended))
+        part.future.add_done_callback(
+            lambda caller: attempt.cancel() if caller.cancelled() else None
+        )
 
     def _ended(self, part: _Part, inner: Executor, attempt: Future) -> None:
         """Take the end of an attempt at a part: its result, or that of its workers."""
         if part is self._suspect:
             self._suspect = None
+        if part.future.cancelled():
+            self._run_alone()
+            return
         failure = (
             CancelledError() if attempt.cancelled() else attempt.exception(timeout=0)
         )
@@ -244,7 +258,7 @@ class LastingExecutor(Executor):
             self._inner = None
         if inner is self._inner_alone:
             self._inner_alone = None
-        inner.shutdown(wait=False)
+        self.end(inner, wait=False, cancel_futures=True)
 
 
 class Workers(LastingExecutor):
@@ -289,6 +303,14 @@ class Workers(LastingExecutor):
     def broke(self, failure: BaseException) -> bool:
         """Whether a process of the pool died."""
         return isinstance(failure, BrokenProcessPool)
+
+    def end(self, inner: Executor, wait: bool, cancel_futures: bool) -> None:
+        """End a pool; its processes at once, if nobody wants what they are at."""
+        processes = list((getattr(inner, "_processes", None) or {}).values())
+        inner.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
+        if cancel_futures:
+            for process in processes:
+                process.terminate()
 
 
 def _begin(programs: Path | None) -> None:
@@ -353,11 +375,14 @@ class Cluster(LastingExecutor):
         client: Any = getattr(self._inner, "_client", None)
         return max(sum(client.ncores().values()), 1) if client else 1
 
+    def end(self, inner: Any, wait: bool, cancel_futures: bool) -> None:
+        """Leave the scheduler."""
+        inner.shutdown(wait=wait and not cancel_futures)
+        inner._client.close()
+
     def broke(self, failure: BaseException) -> bool:
         """Whether the scheduler or its workers ended, not the part."""
         from distributed import KilledWorker
         from distributed.comm import CommClosedError
 
-        if isinstance(failure, KilledWorker):
-            return True
-        return isinstance(failure, CancelledError | CommClosedError | OSError)
+        return isinstance(failure, KilledWorker | CancelledError | CommClosedError)
