@@ -29,7 +29,7 @@ from jaxhb.elements.values import number_like
 from jaxhb.results.checkpoint import digest, hash_of
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.files import load_scene, parse
-from jaxhb.scene.input_files import read_text
+from jaxhb.scene.input_files import Unreadable, read_text
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import read_range, read_speeds
 
@@ -275,12 +275,13 @@ class _Reader:
             seed=self._whole("seed", 0, 0),
             part=self._whole("part", PART, 1),
         )
-        for variant in study.variants:
-            self._check(variant, study)
         if study.cases > MOST_CASES:
             self._fault(
                 f"it asks for {study.cases} cases: ask for {MOST_CASES} at most."
             )
+        else:
+            for variant in study.variants:
+                self._check(variant, study)
         if self.faults:
             raise SceneError(dict.fromkeys(self.faults))
         return study
@@ -364,7 +365,7 @@ class _Reader:
                     self._fault(f"{where}: unknown key {shown(key)}.{known}")
             try:
                 yield self._change(table)
-            except (ValueError, OSError) as error:
+            except ValueError as error:
                 self._fault(f"{where}: {error}")
 
     def _change(self, table: Mapping[str, Any]) -> Change:
@@ -378,8 +379,12 @@ class _Reader:
         if isinstance(rows, str) and "name" in table:
             _, rows = read_range(f"{names[0]}={rows}")
         elif isinstance(rows, str):
-            text = read_text(self.file.parent / rows)
-            rows = [list(row) for row in number_rows(text, names, rows)]
+            table_file = rows
+            try:
+                text = read_text(self.file.parent / table_file)
+            except Unreadable as error:
+                raise ValueError(f"{table_file}: {error}") from None
+            rows = [list(row) for row in number_rows(text, names, table_file)]
         if "name" in table and _numbers(rows):
             rows = [[value] for value in rows]
         is_table = isinstance(rows, list) and all(map(_numbers, rows))
