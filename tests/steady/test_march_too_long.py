@@ -9,10 +9,9 @@ import pytest
 from reference_data import DATA
 
 import jaxhb
-from jaxhb.train.speeds import read_range
 from jaxhb.integration.reference import integrate
 from jaxhb.steady.marching import MEMORY, MOST_STEPS, Equations
-from jaxhb.train.speeds import read_speeds
+from jaxhb.train.speeds import read_range, read_speeds
 
 
 def test_a_cycle_of_too_many_steps_is_told_within_seconds_and_not_marched():
@@ -50,7 +49,7 @@ def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
 def test_ranges_of_too_many_values_are_refused_before_they_are_made():
     for reader, text in (
         (read_speeds, "600:2400:2000000000"),
-        (over, "ring.damping=1:2:2000000000"),
+        (read_range, "ring.damping=1:2:2000000000"),
     ):
         with pytest.raises(ValueError, match="100000"):
             reader(text)
