@@ -204,7 +204,7 @@ class TuneOptions(ChangedOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToleranceOptions(ComputedOptions, AccuracyOptions):
+class ToleranceOptions(ComputedOptions, AccuracyOptions, ParallelOptions):
     """Options of ``jaxhb tolerance``."""
 
     rpm: list[float]

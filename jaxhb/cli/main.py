@@ -574,6 +574,7 @@ def tune() -> None:
 @option(
     "--harmonics N", "fixed number of harmonics (default: as many as needed)", whole
 )
+@options.PARALLEL
 @option("--tolerance T", "as in solve", share, default="0.01", show_default=True)
 @options.files(
     "the nominal train, the worst case and the sample over the speed", spectra=False

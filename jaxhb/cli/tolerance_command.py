@@ -58,6 +58,7 @@ def tolerance(train: DriveTrain, arguments: cli.ToleranceOptions) -> int:
                 tolerance=arguments.tolerance,
                 progress=progress.say,
                 out=folder,
+                executor=arguments.executor,
             )
 
         spread = unfinished.run(compute, unfinished.left)

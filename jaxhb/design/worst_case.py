@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -40,7 +41,7 @@ from jaxhb.design.tolerances import (
 )
 from jaxhb.elements.sentences import SceneError
 from jaxhb.results.answers import left_out
-from jaxhb.results.checkpoint import Cached, keeper
+from jaxhb.results.checkpoint import Cached, Checkpoint, answered_parts, computed
 from jaxhb.results.status import NotConverged
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
@@ -264,6 +265,7 @@ def tolerance(
     bounds: bool = True,
     progress: Callable[[str], object] | None = None,
     out: str | Path | Cached | None = None,
+    executor: Executor | None = None,
 ) -> Spread:
     """Find the effects of the tolerances of a train on its response at some speeds.
 
@@ -315,6 +317,9 @@ def tolerance(
         where it was stopped, with the same numbers to the last bit.
         :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be
         written.
+    executor : concurrent.futures.Executor, optional
+        Where the trains of the sample are solved, as :class:`jaxhb.Workers`; the
+        numbers are the same to the last bit on the same kind of machine.
 
     Examples
     --------
@@ -358,14 +363,11 @@ def tolerance(
         "bounds": bounds,
         **vars(request),
     }
-    keep = keeper(out, train, options)
     search = _Search(
-        train,
-        rpm,
-        box_of(train, tolerances, of),
-        request,
+        _Question(train, rpm, box_of(train, tolerances, of), request),
         progress or (lambda sentence: None),
-        keep,
+        None if out is None else Checkpoint(out, train, options, None),
+        executor,
     )
     search.start()
     drawn = (
@@ -436,6 +438,16 @@ def default_quantities(train: DriveTrain, rpm: np.ndarray) -> tuple[Objective, .
     return tuple(chosen)
 
 
+@dataclass(frozen=True)
+class _Question:
+    """Question of a search: trains within a Box at speeds ``(n,)``, how exactly."""
+
+    train: DriveTrain
+    rpm: np.ndarray
+    box: Box
+    request: Request
+
+
 class _Search:
     """The lanes of a question: nominal ones, and those that climb.
 
@@ -446,19 +458,19 @@ class _Search:
 
     def __init__(
         self,
-        train: DriveTrain,
-        rpm: np.ndarray,
-        box: Box,
-        request: Request,
-        say: Callable[[str], object],
-        keep: Callable[..., Any],
+        question: _Question,
+        say: Callable[[str], object] = lambda sentence: None,
+        checkpoint: Checkpoint | None = None,
+        executor: Executor | None = None,
     ):
-        self.train = train
-        self.rpm = rpm
-        self.box = box
+        self.question = question
+        self.train = train = question.train
+        self.rpm = rpm = question.rpm
+        self.box = box = question.box
         self.say = say
-        self.keep = keep
-        self.evaluator = Evaluator(train, rpm, box, request)
+        self.checkpoint = checkpoint
+        self.executor = executor
+        self.evaluator = Evaluator(train, rpm, box, question.request)
         # Lanes of three searches for each speed and quantity.
         self.room = 3 * min(len(rpm), TOGETHER) * len(box.objectives)
         self.evaluations = self.parts = 0
@@ -471,14 +483,21 @@ class _Search:
         trains that it tried.
         """
         self.parts += 1
+        work = partial(self._work, compute)
+        keep = computed if self.checkpoint is None else self.checkpoint.keep
+        return self._taken(keep(self.parts, work))
+
+    def _work(self, compute: Callable[[], Result]) -> dict[str, Any]:
+        """Compute a part: its result, the trains that it tried, and the evaluations up
+        to its end.
+        """
         self.log: list = []
+        value = compute()
+        tried = tuple(map(np.array, zip(*self.log, strict=True)))
+        return {"value": value, "tried": tried, "evaluations": self.evaluations}
 
-        def work() -> dict[str, Any]:
-            value = compute()
-            tried = tuple(map(np.array, zip(*self.log, strict=True)))
-            return {"value": value, "tried": tried, "evaluations": self.evaluations}
-
-        part = self.keep(self.parts, work)
+    def _taken(self, part: dict[str, Any]) -> Any:
+        """The result of a part, whose trains are remembered."""
         for i, u, responses in zip(*part["tried"], strict=True):
             self._remember(i, u, responses)
         self.evaluations = part["evaluations"]
@@ -592,17 +611,43 @@ class _Search:
         speeds = np.flatnonzero(self.point.solved[:, 0] & which)
         sampled = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
         lanes = [(draw, i) for draw in range(len(drawn)) for i in speeds]
-
-        def solve(part: list[tuple[int, int]]) -> np.ndarray:
-            draw, i = np.array(part).T
-            self.say(f"{draw[0]} of {len(drawn)} trains within the tolerances")
-            responses, _, _ = self._at(i, drawn[draw])
-            return responses
-
-        responses = itertools.chain.from_iterable(self._in_parts(lanes, solve))
+        chunks = [
+            lanes[first : first + self.room]
+            for first in range(0, len(lanes), self.room)
+        ]
+        numbers = range(self.parts + 1, self.parts + len(chunks) + 1)
+        self.parts += len(chunks)
+        lengths = map(len, chunks[:-1])
+        before = itertools.accumulate(lengths, initial=self.evaluations)
+        parts = list(zip(chunks, before, strict=False))
+        compute = partial(self.sampled_part, drawn)
+        if self.executor is not None:
+            compute = partial(_sampled_part, self.question, self.point, drawn)
+        sampled_parts = dict(
+            answered_parts(self.checkpoint, numbers, compute, parts, self.executor)
+        )
+        # In their order, whatever the order in which they came.
+        values = [self._taken(sampled_parts[number]) for number in range(len(chunks))]
+        responses = itertools.chain.from_iterable(values)
         for (draw, i), values in zip(lanes, responses, strict=True):
             sampled[i, draw] = values
         return sampled
+
+    def sampled_part(
+        self, drawn: np.ndarray, lanes: list[tuple[int, int]], evaluations: int
+    ) -> dict[str, Any]:
+        """Solve some (draw, speed) of a sample ``(S, P)``, after so many
+        ``evaluations``.
+        """
+        draw, i = np.array(lanes).T
+        self.say(f"{draw[0]} of {len(drawn)} trains within the tolerances")
+        self.evaluations = evaluations
+
+        def solve() -> np.ndarray:
+            responses, _, _ = self._at(i, drawn[draw])
+            return responses
+
+        return self._work(solve)
 
     def explore(self, seed: int) -> None:
         """Solve some corners of the range; for each quantity those to which its slopes
@@ -822,6 +867,19 @@ class _Search:
                 length *= np.where(np.isfinite(vertex), np.clip(vertex, 0.1, 0.5), 0.5)
             idle = np.where(won > GAIN * np.abs(value), 0, idle + 1)
             moving &= idle < PATIENCE
+
+
+def _sampled_part(
+    question: _Question,
+    point: Point,
+    drawn: np.ndarray,
+    lanes: list[tuple[int, int]],
+    evaluations: int,
+) -> dict[str, Any]:
+    """A part of a sample near the trains of a Point, in another process."""
+    search = _Search(question)
+    search.point = point
+    return search.sampled_part(drawn, lanes, evaluations)
 
 
 def _arrays(

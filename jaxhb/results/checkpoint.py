@@ -31,7 +31,6 @@ from jaxhb.results.serial import pack, unpack
 from jaxhb.train.drivetrain import DriveTrain
 
 Answer = TypeVar("Answer")
-Entry = TypeVar("Entry")
 
 MANIFEST = "sweep.json"
 
@@ -232,17 +231,16 @@ class Checkpoint:
 def answered_parts(
     checkpoint: Checkpoint | None,
     questions: Sequence[Any],
-    function: Callable[..., list[Entry]],
+    function: Callable[..., Answer],
     parts: Sequence[Sequence[Any]],
     executor: Executor | None,
-    progress: Callable[[int], object],
-) -> Generator[tuple[int, list[Entry]]]:
-    """Yield the number and the answer, a list, of parts of a work, as they come: those
-    in the folder of a Checkpoint first, then ``function(*part)`` of the others, by an
-    executor or in this process.
+    note: Callable[[Answer], object] = lambda answer: None,
+) -> Generator[tuple[int, Answer]]:
+    """Yield the number and the answer of parts of a work, as they come: those in the
+    folder of a Checkpoint first, then ``function(*part)`` of the others, by an executor
+    or in this process.
 
-    ``progress`` is called with the length of an answer that this process does not
-    compute.
+    ``note`` is called with an answer that this process does not compute.
     """
     missing = []
     for number, question in enumerate(questions):
@@ -250,13 +248,13 @@ def answered_parts(
         if answer is None:
             missing.append(number)
         else:
-            progress(len(answer))
+            note(answer)
             yield number, answer
     computed_parts = in_parts(function, (parts[number] for number in missing), executor)
     for place, answer in computed_parts:
         number = missing[place]
         if executor is not None:
-            progress(len(answer))
+            note(answer)
         if checkpoint is not None:
             checkpoint.write(questions[number], answer)
         yield number, answer

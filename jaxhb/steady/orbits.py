@@ -48,7 +48,12 @@ def orbit_states(
     parts = [(train, speeds) for speeds in chunks]
     states: dict[int, SteadyState] = {}
     for number, chunk_states in answered_parts(
-        checkpoint, questions, solved, parts, executor, report
+        checkpoint,
+        questions,
+        solved,
+        parts,
+        executor,
+        lambda answer: report(len(answer)),
     ):
         states |= enumerate(chunk_states, number * size)
         if on_states:

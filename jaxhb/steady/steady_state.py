@@ -330,7 +330,12 @@ class _SpeedSweep:
         march = partial(_march, progress=progress) if alone else _march
         states: dict[int, SteadyState] = {}
         for number, marched in answered_parts(
-            self._checkpoint, questions, march, parts, self._executor, progress
+            self._checkpoint,
+            questions,
+            march,
+            parts,
+            self._executor,
+            lambda marched: progress(len(marched)),
         ):
             chunk_states = dict(zip(chunks[number], marched, strict=True))
             chunk_states |= {
