@@ -4,8 +4,9 @@
 A page shows a command and what it prints in a block of text whose first line is ``$
 jaxhb ...``. A line ``...`` stands for lines that are left out; the lines behind it are
 found in the output by their words. The commands of a page run one after another in a
-folder of their own, so that a block may read what an earlier one wrote. Seconds that a
-run took stay as they are shown.
+folder of their own, so that a block may read what an earlier one wrote; a block of TOML
+whose first line is ``# NAME.toml`` is a file there. Seconds that a run took stay as
+they are shown.
 """
 
 import argparse
@@ -24,6 +25,9 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"```text\n(\$ jaxhb [^\n]*)\n(.*?)```", re.DOTALL)
+WRITTEN = re.compile(r"```toml\n# (\w+\.toml)\n(.*?)```", re.DOTALL)
+"""A block of TOML that begins with its name: commands of the page read it."""
+
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
 SECONDS = re.compile(r"\b\d+ s\b")
 LEFT_OUT = "..."
@@ -66,6 +70,8 @@ def write_inputs(page: Path, folder: Path) -> None:
     relative = page.relative_to(ROOT).as_posix().removeprefix("docs/")
     for name, source in SCENES.get(relative, {}).items():
         shutil.copy(ROOT / source, folder / name)
+    for name, content in WRITTEN.findall(page.read_text(encoding="utf-8")):
+        (folder / name).write_text(content, encoding="utf-8")
     if relative == "how_to/measurements.md":
         write_measurement(folder / "measured.csv")
 

@@ -13,6 +13,8 @@ the equations          harmonic_residual (A(x) and its Jacobian), block_sweep (a
                        step)
 many speeds            solve_speeds, misfire_each, cut_off_each, follow (a branch
                        through its folds)
+many trains            campaign (a study, as rows of a folder), load_study
+other processes        Workers, Cluster: executors of many speeds and trains
 what the train does    steady_state; stability, solve_all, lift_off
 linear                 natural_frequencies, damped_modes, campbell, holzer_table,
                        at_mean_load, frequency_response

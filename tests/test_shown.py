@@ -9,7 +9,7 @@ import pytest
 import shown
 from printed import HAMMERING, ROUNDING, reads_alike, tolerance_of
 
-SLOW = {"identify", "sweep", "solve"}
+SLOW = {"identify", "sweep", "solve", "campaign"}
 """Commands that compile much: their output is compared with the tests marked
 "slow".
 """
@@ -116,6 +116,7 @@ def test_pages_with_output_are_found():
         "timing_gears",
         "tune",
         "tolerances",
+        "campaigns",
         "trust",
         "strength",
         "linear",

@@ -388,7 +388,8 @@ EACH_MISFIRE = misfire("; each: every cylinder in turn, and the worst one")
 PARALLEL = together(
     option(
         "--workers N",
-        "compute in so many processes of this machine, one processor each",
+        "compute in N processes of this machine, one processor each (default: in this"
+        " process)",
         whole,
     ),
     option(
