@@ -109,14 +109,14 @@ def costs(folder):
     study = load_study(study_file(folder, 2000, 10))
     numbers = range(0, study.parts, 5)
     for number in numbers:  # compiles
-        studied.rows_of(study.part_at(number))
+        studied.rows_of(study.pieces_of(number))
     studied.steady_state = timed(studied.steady_state)
     studied._read = timed(studied._read)
     out = CampaignFolder(folder / "costs", study)
     parts = []
     begin = time.perf_counter()
     for number in numbers:
-        part = pickle.loads(pickle.dumps(study.part_at(number)))
+        part = pickle.loads(pickle.dumps(study.pieces_of(number)))
         begin_part = time.perf_counter()
         rows = pickle.loads(pickle.dumps(studied.rows_of(part)))
         parts.append(time.perf_counter() - begin_part)
@@ -130,8 +130,8 @@ def costs(folder):
     rest = total - solving - reading
     print(f"hand out, collect, write: {rest / solving:.1%} of it")
     print(f"parts: {min(parts):.3f} to {max(parts):.3f} s")
-    sent = len(pickle.dumps(study.part_at(0)))
-    received = len(pickle.dumps(studied.rows_of(study.part_at(0))))
+    sent = len(pickle.dumps(study.pieces_of(0)))
+    received = len(pickle.dumps(studied.rows_of(study.pieces_of(0))))
     print(f"bytes a case: {sent / 100:.0f} sent, {received / 100:.0f} received")
     begin = time.perf_counter()
     run(study_file(folder, 50, 2), folder / "first", 1)

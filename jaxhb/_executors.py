@@ -43,18 +43,6 @@ class WorkerLost(RuntimeError):
     """A part whose worker died each time: a sentence."""
 
 
-def processors() -> int:
-    """Number of processors that this process may use: NPROC, as for jax, or those that
-    the system or the scheduler of a cluster gave it.
-    """
-    limit = os.environ.get("NPROC", "")
-    if limit.isdecimal() and int(limit):
-        return int(limit)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def in_parts(
     function: Callable[..., Result],
     parts: Iterable[Sequence[Any]],
@@ -72,12 +60,16 @@ def in_parts(
         for number, arguments in numbered:
             yield number, function(*arguments)
         return
+    from jaxhb._program import kept_programs
+
+    worker = (os.getpid(), kept_programs() is not None)
     pending: dict[Future, int] = {}
     try:
         while True:
             room = _room(executor) - len(pending)
             for number, arguments in islice(numbered, max(room, 0)):
-                pending[executor.submit(function, *arguments)] = number
+                future = executor.submit(_computed, *worker, function, *arguments)
+                pending[future] = number
             if not pending:
                 return
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
@@ -91,6 +83,21 @@ def in_parts(
     finally:
         for future in pending:
             future.cancel()
+
+
+def _computed(
+    driver: int, keeps: bool, function: Callable[..., Result], *arguments: Any
+) -> Result:
+    """``function(*arguments)``; in a process other than the ``driver``, if that keeps
+    its programs, with those of the user on its disk.
+    """
+    if keeps and os.getpid() != driver:
+        from jaxhb._program import keep_programs, kept_programs
+        from jaxhb._store import user_folder
+
+        if kept_programs() is None:
+            keep_programs(user_folder())
+    return function(*arguments)
 
 
 def _room(executor: Executor) -> int:
@@ -265,17 +272,15 @@ class Workers(LastingExecutor):
     """Processes of this machine, one processor each, as an executor.
 
     They share compiled programs on disk where :func:`jaxhb.cache_programs` was called
-    or the folder of programs is given. A worker that dies, for lack of memory say, is
-    replaced, and what it computed is computed again; a part that kills its worker each
-    time raises ``WorkerLost``. Scripts that use it need the usual ``if __name__ ==
-    "__main__":`` of :mod:`multiprocessing`.
+    before. A worker that dies, for lack of memory say, is replaced, and what it
+    computed is computed again; a part that kills its worker each time raises
+    ``WorkerLost``. Scripts that use it need the usual ``if __name__ == "__main__":`` of
+    :mod:`multiprocessing`.
 
     Parameters
     ----------
     workers : int, optional
         Number of processes; default: one for each processor.
-    programs : path, optional
-        Folder of compiled programs, as of :func:`jaxhb.cache_programs`.
 
     Examples
     --------
@@ -284,20 +289,23 @@ class Workers(LastingExecutor):
     ...     sweep = jaxhb.steady_state(train, rpm=speeds, executor=workers, chunk=50)
     """
 
-    def __init__(self, workers: int | None = None, *, programs: Path | None = None):
+    def __init__(self, workers: int | None = None):
+        from jaxhb._jax import processors
+
         super().__init__()
         self.workers = processors() if workers is None else workers
         if self.workers < 1:
             raise ValueError(f"workers is {workers}, must be at least 1")
-        self.programs = programs
 
     def open(self, workers: int) -> Executor:
         """Open a pool of processes."""
+        from jaxhb._program import kept_programs
+
         return ProcessPoolExecutor(
             workers,
             get_context("spawn"),
             initializer=_begin,
-            initargs=(self.programs,),
+            initargs=(kept_programs(),),
         )
 
     def broke(self, failure: BaseException) -> bool:

@@ -50,6 +50,18 @@ def too_little_memory() -> str:
     )
 
 
+def processors() -> int:
+    """Number of processors that this process may use: NPROC, as for jax, or those that
+    the system or the scheduler of a cluster gave it.
+    """
+    limit = os.environ.get("NPROC", "")
+    if limit.isdecimal() and int(limit):
+        return int(limit)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def load() -> Any:
     """Import jax, in double precision for every array, and return it; MemoryError where
     too little is allowed.

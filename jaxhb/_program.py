@@ -23,8 +23,7 @@ from jax._src.config import trace_context
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from jaxhb import _jax, _store as _disk
-from jaxhb._executors import processors
-from jaxhb._jax import HOST_TYPES, staged, traced
+from jaxhb._jax import HOST_TYPES, processors, staged, traced
 
 OPTIONS: dict[str, bool | int | str] = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the
@@ -355,6 +354,11 @@ def keep_programs(folder: Path | None, limit: int = _disk.LIMIT) -> Path | None:
     global _store
     _store = _disk.Store(folder, limit)
     return _store.own_folder
+
+
+def kept_programs() -> Path | None:
+    """The folder given to :func:`keep_programs`, None where nothing is kept."""
+    return None if _store.own_folder is None else _store.folder
 
 
 def _plain(leaves: Sequence) -> bool:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import jax
 
-from jaxhb._executors import processors
+from jaxhb._jax import processors
 
 MOST_THREADS = 8  # each holds some memory
 

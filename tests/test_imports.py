@@ -142,7 +142,7 @@ LOADED = (
 SOLVES = "import sys, jaxhb; jaxhb.solve; "
 COMMANDS = (
     "import sys, jaxhb.cli.identify_command, jaxhb.cli.linear_commands,"
-    " jaxhb.cli.tolerance_command; "
+    " jaxhb.cli.many_trains; "
 )
 FROM_TERMINAL = "import os, jaxhb.cli.main as c; c.main(['--version']); import jax; "
 PRINTED = {

@@ -280,6 +280,11 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
         raise output.OutputError(
             f"--over: it sweeps one parameter at one speed, and --rpm names {len(rpm)}."
         )
+    if arguments.over and arguments.executor is not None:
+        raise output.OutputError(
+            "--over: each value starts from the motion of its neighbour. Leave out"
+            " --workers and --scheduler."
+        )
     train = misfire_trains(train, arguments)[""]
     question = Asked.of(arguments)
     axis = SPEED

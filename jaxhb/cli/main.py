@@ -550,7 +550,7 @@ def tune() -> None:
 
 @command(
     cli.ToleranceOptions,
-    "tolerance_command",
+    "many_trains",
     SEARCHED,
     "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
     'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv'
@@ -591,7 +591,7 @@ def tolerance() -> None:
 
 @command(
     cli.PhaseOptions,
-    "tolerance_command",
+    "many_trains",
     LINEAR_STATUS,
     'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv'
     " phases.csv",
@@ -670,7 +670,7 @@ def identify() -> None:
 
 @command(
     cli.CampaignOptions,
-    "campaign_command",
+    "many_trains",
     "Exit status: 0 every case has an answer; 1 some have none; 2 invalid input; 3 an"
     " error in the program.",
     "campaign dampers.toml --workers 8",

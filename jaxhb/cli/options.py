@@ -2,12 +2,16 @@
 what of them is beyond click.
 """
 
+import contextlib
 import dataclasses
 import gc
 import importlib
+import importlib.util
 import os
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from functools import reduce
 from typing import Any
 
@@ -114,9 +118,7 @@ class Command(click.Command):
         arguments = self.arguments(**options, files=files)
         if not isinstance(arguments, cli.ParallelOptions):
             return self._run(arguments)
-        from jaxhb.cli.executors import executor_of
-
-        with executor_of(arguments) as executor:
+        with _executor_of(arguments) as executor:
             return self._run(dataclasses.replace(arguments, executor=executor))
 
     def _run(self, arguments: Any) -> int:
@@ -226,6 +228,40 @@ def _prepare_to_compute() -> None:
     # With Python's 700 or so new objects between collections these take a third of the
     # time of tracing.
     gc.set_threshold(50_000)
+
+
+@contextlib.contextmanager
+def _executor_of(arguments: cli.ParallelOptions) -> Iterator[Executor | None]:
+    """The executor that a command is given, None for this process; its workers end with
+    the block.
+    """
+    from jaxhb._executors import Cluster, Workers
+
+    if arguments.workers and arguments.scheduler:
+        raise OutputError("--workers and --scheduler exclude each other.")
+    if arguments.scheduler:
+        if importlib.util.find_spec("distributed") is None:
+            raise OutputError(
+                '--scheduler: it needs distributed. Install it: pip install "jaxhb'
+                '[cluster]".'
+            )
+        cluster = Cluster(arguments.scheduler)
+        with cluster:
+            try:
+                dashboard = cluster.connect()
+            except OSError as error:
+                raise OutputError(
+                    f"--scheduler: no scheduler answers at {arguments.scheduler!r}:"
+                    f" {error}."
+                ) from None
+            if not arguments.quiet:
+                print(f"The scheduler shows its work at {dashboard}", file=sys.stderr)
+            yield cluster
+    elif arguments.workers:
+        with Workers(arguments.workers) as workers:
+            yield workers
+    else:
+        yield None
 
 
 def _reader(read: Callable[[str], Any]) -> Callable[[str], Any]:

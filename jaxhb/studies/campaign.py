@@ -11,22 +11,28 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jaxhb._executors import WorkerLost, in_parts
 from jaxhb.studies.folder import CampaignFolder
 from jaxhb.studies.rows import LOST, Rows, rows_of, without_answer
-from jaxhb.studies.study import Part, Study, load_study
+from jaxhb.studies.study import Piece, Study, load_study
+
+PLACE = ("scene", "scenario", "misfire", "sample")
 
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest value of a quantity over all rows, and its case."""
+    """The largest value of a quantity over all rows, its case and speed, and what makes
+    the train: columns of its row.
+    """
 
     value: float
     case: int
     rpm: float
+    train: dict[str, Any]
 
 
 @dataclass
@@ -93,48 +99,48 @@ def campaign(
     report = progress or (lambda count: None)
     kept = CampaignFolder(folder, study)
     done = kept.done()
-    report(sum(len(study.part_at(number).rpm) for number in done))
+    report(sum(map(study.cases_of, done)))
     missing = [number for number in range(study.parts) if number not in done]
     # The first alone compiles what all others need.
     for numbers in (missing[:1], missing[1:]):
         for number, rows in _computed(study, numbers, executor):
-            kept.write(number, study.part_at(number), rows)
-            report(len(rows.rpm))
+            kept.write(number, rows)
+            report(study.cases_of(number))
     return summary(kept)
 
 
 def _computed(
     study: Study, numbers: Sequence[int], executor: Executor | None
-) -> Iterator[tuple[int, Rows]]:
-    """Yield the numbers of parts and their rows, as they come."""
+) -> Iterator[tuple[int, list[Rows]]]:
+    """Yield the numbers of parts and the rows of their pieces, as they come."""
 
-    def lost(place: int, failure: WorkerLost) -> Rows:
-        part = study.part_at(numbers[place])
-        if len(part.rpm) == 1:
-            return without_answer(part, LOST, str(failure))
-        return _one_by_one(part, executor)
+    def lost(place: int, failure: WorkerLost) -> list[Rows]:
+        pieces = study.pieces_of(numbers[place])
+        return [_one_by_one(piece, executor) for piece in pieces]
 
-    parts = ((study.part_at(number),) for number in numbers)
+    parts = ((study.pieces_of(number),) for number in numbers)
     for place, rows in in_parts(rows_of, parts, executor, lost):
         yield numbers[place], rows
 
 
-def _one_by_one(part: Part, executor: Executor | None) -> Rows:
-    """Rows of a part that killed its workers: each speed by itself, so that one alone
-    has no answer.
+def _one_by_one(piece: Piece, executor: Executor | None) -> Rows:
+    """Rows of a piece of a part that killed its workers: each speed by itself, so that
+    one alone has no answer.
     """
-    parts = [
-        dataclasses.replace(part, case=part.case + place, rpm=part.rpm[[place]])
-        for place in range(len(part.rpm))
+    singles = [
+        dataclasses.replace(piece, case=piece.case + place, rpm=piece.rpm[[place]])
+        for place in range(len(piece.rpm))
     ]
 
-    def lost(place: int, failure: WorkerLost) -> Rows:
-        return without_answer(parts[place], LOST, str(failure))
+    def lost(place: int, failure: WorkerLost) -> list[Rows]:
+        return [without_answer(singles[place], LOST, str(failure))]
 
-    by_place = dict(in_parts(rows_of, ((one,) for one in parts), executor, lost))
-    together = Rows(part.rpm, by_place[0].numbers, np.empty((0, len(part.keep))))
-    for place in range(len(parts)):
-        rows = by_place[place]
+    parts = (([single],) for single in singles)
+    by_place = dict(in_parts(rows_of, parts, executor, lost))
+    together = Rows(piece.rpm, {}, np.empty((0, len(piece.keep))))
+    for place in range(len(singles)):
+        (rows,) = by_place[place]
+        together.numbers = rows.numbers
         together.kept = np.concatenate([together.kept, rows.kept])
         together.kind += rows.kind
         together.period += rows.period
@@ -145,23 +151,30 @@ def _one_by_one(part: Part, executor: Executor | None) -> Rows:
 
 def summary(kept: CampaignFolder) -> Summary:
     """Summarise the rows that are there."""
-    heads = kept.study.columns
+    study = kept.study
+    of_train = [*PLACE, *study.numbers]
+    columns = [*of_train, "case", "rpm", "kind", "problem", *study.columns]
     result = Summary(kept.rows)
-    for rows in kept.columns(["case", "rpm", "kind", "problem", *heads]):
+    for rows in kept.columns(columns):
         result.cases += len(rows["case"])
         for name, counts in (("kind", result.kinds), ("problem", result.problems)):
             words, numbers = np.unique(rows[name].astype(str), return_counts=True)
             for word, number in zip(words, numbers, strict=True):
                 counts[str(word)] = counts.get(str(word), 0) + int(number)
-        for head in heads:
+        for head in study.columns:
             values = np.nan_to_num(rows[head], nan=-np.inf)
             place = int(np.argmax(values))
             before = result.largest.get(head)
-            if before is None or values[place] > before.value:
+            if values[place] > (-np.inf if before is None else before.value):
+                train = {name: rows[name][place] for name in of_train}
                 result.largest[head] = Largest(
                     float(values[place]),
                     int(rows["case"][place]),
                     float(rows["rpm"][place]),
+                    {
+                        name: value.item() if hasattr(value, "item") else value
+                        for name, value in train.items()
+                    },
                 )
     result.problems.pop("", None)
     return result

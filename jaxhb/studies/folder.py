@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,14 @@ import numpy as np
 from jaxhb._files import clear_parts, write_whole
 from jaxhb.results.checkpoint import CheckpointError, versions
 from jaxhb.studies.rows import Rows
-from jaxhb.studies.study import Part, Study
+from jaxhb.studies.study import Piece, Study
 
 if TYPE_CHECKING:
     import pyarrow
 
 MANIFEST = "campaign.json"
 ROWS = "rows"
+HASHED = ("trains", "changes", "speeds", "sources of jaxhb")
 
 
 class CampaignFolder:
@@ -35,7 +36,7 @@ class CampaignFolder:
         self.folder = Path(folder)
         self.rows = self.folder / ROWS
         self.study = study
-        manifest = {"study": study.manifest, "versions": versions()}
+        manifest = {"numbers": study.manifest, "versions": versions()}
         try:
             self.rows.mkdir(parents=True, exist_ok=True)
             clear_parts(self.rows)
@@ -59,10 +60,13 @@ class CampaignFolder:
                 for name, value in manifest[kind].items():
                     there = stored[kind].get(name)
                     if there != value:
+                        # Hashes say nothing to people.
+                        change = (
+                            name if name in HASHED else f"{name} {there}, {value} now"
+                        )
                         raise CheckpointError(
                             f"{str(self.folder)!r} holds a campaign with other {kind}:"
-                            f" {name} {there} there, {value} now. Give another folder,"
-                            " or remove this one."
+                            f" {change}. Give another folder, or remove this one."
                         )
         except (ValueError, KeyError, AttributeError) as error:
             if isinstance(error, CheckpointError):
@@ -75,32 +79,35 @@ class CampaignFolder:
         """Numbers of the parts that are there."""
         return {int(path.stem) for path in self.rows.glob("[0-9]*.parquet")}
 
-    def write(self, number: int, part: Part, rows: Rows) -> None:
-        """Write the rows of a part."""
+    def write(self, number: int, rows: Sequence[Rows]) -> None:
+        """Write the rows of the pieces of a part."""
         import pyarrow.parquet
 
+        pieces = zip(self.study.pieces_of(number), rows, strict=True)
+        tables = [self._table(piece, of_piece) for piece, of_piece in pieces]
         content = io.BytesIO()
-        pyarrow.parquet.write_table(self._table(part, rows), content)
+        pyarrow.parquet.write_table(pyarrow.concat_tables(tables), content)
         path = self.rows / f"{number:08d}.parquet"
         try:
             write_whole({path: [content.getvalue()]})
         except OSError as error:
             raise self._unwritten(error) from None
 
-    def _table(self, part: Part, rows: Rows) -> pyarrow.Table:
+    def _table(self, piece: Piece, rows: Rows) -> pyarrow.Table:
         """The rows as a table."""
         import pyarrow
 
         count = len(rows.rpm)
-        variant = part.variant
+        variant = piece.variant
         same: dict[str, Any] = {
             "scene": variant.scene,
             "scenario": variant.scenario,
             "misfire": variant.misfire,
-            "sample": part.sample,
-            **rows.numbers,
+            "sample": piece.sample,
         }
-        columns: dict[str, Any] = {"case": part.case + np.arange(count)}
+        # Every file has the columns of all scenes.
+        same |= {name: rows.numbers.get(name, np.nan) for name in self.study.numbers}
+        columns: dict[str, Any] = {"case": piece.case + np.arange(count)}
         columns |= {name: np.repeat(value, count) for name, value in same.items()}
         columns |= {
             "rpm": rows.rpm,

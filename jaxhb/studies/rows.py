@@ -1,4 +1,4 @@
-"""Rows of a part of a campaign: one for each speed of a design, computed wherever an
+"""Rows of a part of a campaign: one for each speed of its designs, computed wherever an
 executor puts it.
 
 A design or a speed that cannot be computed is a row that says so.
@@ -19,7 +19,7 @@ from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.steady_state import steady_state
-from jaxhb.studies.study import Part
+from jaxhb.studies.study import Piece
 from jaxhb.train.drivetrain import DriveTrain
 
 INVALID = "INVALID_INPUT"
@@ -30,7 +30,7 @@ RECORDED = "RECORDED"  # numbers of recorded cycles, which no harmonic balance h
 
 @dataclass
 class Rows:
-    """Columns of rows ``(n,)``.
+    """Columns of the rows ``(n,)`` of a piece.
 
     numbers : those that change, by name, ``(n,)`` each; kind, period : of the motion;
     status : how it is known, a name of :class:`jaxhb.Status`, or RECORDED, FAILED,
@@ -63,69 +63,74 @@ class Rows:
         self.problem.append(problem)
 
 
-def rows_of(part: Part) -> Rows:
-    """Compute the rows of a part; no failure leaves it."""
-    rows = _empty(part)
+def rows_of(pieces: Sequence[Piece]) -> list[Rows]:
+    """Compute the rows of each piece of a part; no failure leaves it."""
+    return [_rows_of(piece) for piece in pieces]
+
+
+def _rows_of(piece: Piece) -> Rows:
+    """Compute the rows of a piece."""
+    rows = _empty(piece)
     try:
-        train = _design(part)
+        train = _design(piece)
         rows.numbers = {
-            name: float(train.value(name)) for name in (*part.values, *part.ratios)
+            name: float(train.value(name)) for name in (*piece.values, *piece.ratios)
         }
     except SceneError as error:
-        return without_answer(part, INVALID, str(error))
+        return without_answer(piece, INVALID, str(error))
     try:
-        states = _states(train, part, part.rpm)
+        states = _states(train, piece, piece.rpm)
     except Exception:
         # One speed spoils the others: each by itself.
-        for speed in part.rpm:
+        for speed in piece.rpm:
             try:
-                states = _states(train, part, np.array([speed]))
+                states = _states(train, piece, np.array([speed]))
             except Exception as error:
                 rows.add("unknown", 0, FAILED, f"{type(error).__name__}: {error}")
             else:
-                _add(rows, train, part, states[0])
+                _add(rows, train, piece, states[0])
         return rows
     for state in states:
-        _add(rows, train, part, state)
+        _add(rows, train, piece, state)
     return rows
 
 
-def without_answer(part: Part, status: str, problem: str) -> Rows:
-    """Rows of a part that has no answer."""
-    rows = _empty(part)
-    for _ in part.rpm:
+def without_answer(piece: Piece, status: str, problem: str) -> Rows:
+    """Rows of a piece that has no answer."""
+    rows = _empty(piece)
+    for _ in piece.rpm:
         rows.add("unknown", 0, status, problem)
     return rows
 
 
-def _empty(part: Part) -> Rows:
+def _empty(piece: Piece) -> Rows:
     return Rows(
-        rpm=part.rpm,
-        numbers=dict(part.values),
-        kept=np.full((len(part.rpm), len(part.keep)), np.nan),
+        rpm=piece.rpm,
+        numbers=dict(piece.values),
+        kept=np.full((len(piece.rpm), len(piece.keep)), np.nan),
     )
 
 
-def _design(part: Part) -> DriveTrain:
-    """The train of a part; numbers within tolerances have a ratio to those of the
+def _design(piece: Piece) -> DriveTrain:
+    """The train of a piece; numbers within tolerances have a ratio to those of the
     design.
     """
-    train = part.variant.train
-    if part.values:
-        train = train.replace(part.values)
-    if part.ratios:
+    train = piece.variant.train
+    if piece.values:
+        train = train.replace(piece.values)
+    if piece.ratios:
         train = train.replace(
             {
                 name: float(train.value(name)) * ratio
-                for name, ratio in part.ratios.items()
+                for name, ratio in piece.ratios.items()
             }
         )
     return train
 
 
-def _states(train: DriveTrain, part: Part, rpm: np.ndarray) -> Sequence[SteadyState]:
+def _states(train: DriveTrain, piece: Piece, rpm: np.ndarray) -> Sequence[SteadyState]:
     """Answers at speeds ``(n,)``."""
-    accuracy = part.accuracy
+    accuracy = piece.accuracy
     responses: Response
     if accuracy.answers == "forced":
         responses = forced_response(train, rpm=rpm, harmonics=accuracy.harmonics)
@@ -147,14 +152,14 @@ def _states(train: DriveTrain, part: Part, rpm: np.ndarray) -> Sequence[SteadySt
     return [orbit_state(responses[place]) for place in range(len(rpm))]
 
 
-def _add(rows: Rows, train: DriveTrain, part: Part, state: SteadyState) -> None:
+def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> None:
     """Add the row of a state."""
     response = state.response
     status = RECORDED if response is None else Status(int(response.status)).name
     if not state.known:
         rows.add(state.kind, 0, status, "; ".join(state.notes))
         return
-    kept = [_read(train, state, quantity) for quantity in part.keep]
+    kept = [_read(train, state, quantity) for quantity in piece.keep]
     rows.add(state.kind, state.period, status, "", kept)
 
 

@@ -72,8 +72,8 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
-class Part:
-    """Cases of one design that are computed together, as small plain data.
+class Piece:
+    """Speeds of one design that are computed together, as small plain data.
 
     case : number of the first; variant : of the train; values : numbers that change, by
     name; ratios : numbers within their tolerances over their own values; sample :
@@ -128,24 +128,40 @@ class Study:
         return self.designs * len(self.rpm)
 
     @property
+    def designs_of_part(self) -> int:
+        """Number of designs of a part, several where they have few speeds."""
+        return max(self.part // len(self.rpm), 1)
+
+    @property
     def parts_of_design(self) -> int:
-        """Number of parts of each design."""
+        """Number of parts of a design, several where it has many speeds."""
         return -(-len(self.rpm) // self.part)
 
     @property
     def parts(self) -> int:
         """Number of parts of all designs."""
-        return self.designs * self.parts_of_design
+        return -(-self.designs // self.designs_of_part) * self.parts_of_design
 
-    def part_at(self, number: int) -> Part:
-        """The part of a number."""
-        design, place = divmod(number, self.parts_of_design)
+    def pieces_of(self, part: int) -> list[Piece]:
+        """The pieces of the part of a number: one for each of its designs."""
+        group, place = divmod(part, self.parts_of_design)
+        first = group * self.designs_of_part
+        designs = range(first, min(first + self.designs_of_part, self.designs))
+        return [self._piece(design, place * self.part) for design in designs]
+
+    def cases_of(self, part: int) -> int:
+        """Number of cases of the part of a number."""
+        group, place = divmod(part, self.parts_of_design)
+        designs = min(self.designs_of_part, self.designs - group * self.designs_of_part)
+        return designs * min(self.part, len(self.rpm) - place * self.part)
+
+    def _piece(self, design: int, first: int) -> Piece:
+        """The piece of a design that begins with its speed of number ``first``."""
         variant, *rows, sample = map(int, np.unravel_index(design, self._counts))
         values: dict[str, float] = {}
         for change, row in zip(self.changes, rows, strict=True):
             values |= zip(change.names, change.rows[row].tolist(), strict=True)
-        first = place * self.part
-        return Part(
+        return Piece(
             case=design * len(self.rpm) + first,
             variant=self.variants[variant],
             values=values,
@@ -156,25 +172,18 @@ class Study:
             keep=self.keep,
         )
 
-    def design_of(self, case: int) -> dict[str, Any]:
-        """What makes the train of a case: its scene, scenario, misfire and numbers, by
-        name.
-        """
-        design, _ = divmod(case, len(self.rpm))
-        part = self.part_at(design * self.parts_of_design)
-        variant = part.variant
-        place: dict[str, Any] = {
-            "scene": variant.scene,
-            "scenario": variant.scenario,
-            "misfire": variant.misfire,
-        }
-        if part.sample >= 0:
-            place["sample"] = part.sample
-        return place | part.values
+    @cached_property
+    def numbers(self) -> list[str]:
+        """Names of all numbers that change or have a tolerance."""
+        changed = [name for change in self.changes for name in change.names]
+        drawn = [name for draws in self._ratios for name in draws[0]]
+        return list(dict.fromkeys([*changed, *drawn]))
 
     @cached_property
     def _ratios(self) -> list[list[dict[str, float]]]:
         """Ratios of the numbers of each sample to their own values, by variant."""
+        if not self.samples:
+            return []
         ratios = []
         for variant in self.variants:
             train = variant.train

@@ -86,6 +86,8 @@ def test_rows_are_those_of_the_closed_form(tmp_path, study_file, answers):
     largest = summary.largest[TORQUE]
     place = int(np.argmax(expected))
     assert (largest.case, largest.rpm) == (place, rows["rpm"][place])
+    stiffness = rows["a|b.stiffness"][place]
+    assert largest.train["a|b.stiffness"] == stiffness
 
 
 def test_rows_do_not_depend_on_the_executor(tmp_path, study_file):
@@ -165,7 +167,7 @@ def test_a_full_disk_stops_a_campaign_that_then_goes_on(
 def test_a_folder_of_another_campaign_is_refused(tmp_path, study_file):
     jaxhb.campaign(study_file, folder=tmp_path / "out")
     study_file.write_text(study_file.read_text().replace("[2.0, 4.0]", "[2.0, 4.1]"))
-    with pytest.raises(CheckpointError, match="other study: changes"):
+    with pytest.raises(CheckpointError, match="other numbers: changes"):
         jaxhb.campaign(study_file, folder=tmp_path / "out")
     (tmp_path / "out" / "campaign.json").write_text("nothing")
     with pytest.raises(CheckpointError, match="no readable campaign.json"):
@@ -213,11 +215,11 @@ class LosingExecutor(Executor):
 
     def submit(self, function, /, *args):
         future = Future()
-        (part,) = args
-        if 955.0 in part.rpm:
+        *_, pieces = args
+        if any(955.0 in piece.rpm for piece in pieces):
             future.set_exception(jaxhb.WorkerLost("the worker process ended"))
         else:
-            future.set_result(function(part))
+            future.set_result(function(*args))
         return future
 
 

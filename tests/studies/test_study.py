@@ -32,42 +32,51 @@ def file(tmp_path):
     return path
 
 
-def test_every_combination_is_computed_once(file):
+def pieces_of(study):
+    return [piece for number in range(study.parts) for piece in study.pieces_of(number)]
+
+
+@pytest.mark.parametrize("part", [1, 3, 7, 20, 1000])
+def test_every_combination_is_computed_once(file, part):
+    file.write_text(CATALOGUE.replace("part = 3", f"part = {part}"))
     study = load_study(file)
     assert study.designs == 2 * 2 * 5 * 2
     assert study.cases == 7 * study.designs
-    assert study.parts == 3 * study.designs
     cases = []
     designs = set()
-    for number in range(study.parts):
-        part = study.part_at(number)
-        cases += range(part.case, part.case + len(part.rpm))
-        variant = part.variant
-        design = (variant.scene, variant.misfire, *part.values.items())
-        designs.add(design)
-        for case, rpm in zip(range(part.case, part.case + 3), part.rpm, strict=False):
-            assert study.rpm[case % 7] == rpm
-            place = study.design_of(case)
-            assert (place["scene"], place["misfire"]) == design[:2]
-            assert {name: place[name] for name in part.values} == part.values
-    assert cases == list(range(study.cases))
+    for piece in pieces_of(study):
+        cases += range(piece.case, piece.case + len(piece.rpm))
+        variant = piece.variant
+        designs.add((variant.scene, variant.misfire, *piece.values.items()))
+        first = piece.case % 7
+        assert piece.rpm.tolist() == study.rpm[first : first + part].tolist()
+    assert sorted(cases) == list(range(study.cases))
     assert len(designs) == study.designs
+    sizes = [
+        sum(len(piece.rpm) for piece in study.pieces_of(number))
+        for number in range(study.parts)
+    ]
+    assert sizes == [study.cases_of(number) for number in range(study.parts)]
+    # As large as is asked for, and no larger.
+    assert max(sizes) == min(part if part < 7 else part // 7 * 7, study.cases)
 
 
 def test_numbers_of_a_row_change_together(file):
     study = load_study(file)
+    assert study.numbers == [
+        "flywheel.inertia",
+        "cyl6|flywheel.stiffness",
+        "cyl6|flywheel.damping",
+    ]
     pairs = {
         (
-            study.part_at(number).values["cyl6|flywheel.stiffness"],
-            study.part_at(number).values["cyl6|flywheel.damping"],
+            piece.values["cyl6|flywheel.stiffness"],
+            piece.values["cyl6|flywheel.damping"],
         )
-        for number in range(study.parts)
+        for piece in pieces_of(study)
     }
     assert pairs == {(1.9e6, 50.0), (2.1e6, 60.0)}
-    inertias = {
-        study.part_at(number).values["flywheel.inertia"]
-        for number in range(study.parts)
-    }
+    inertias = {piece.values["flywheel.inertia"] for piece in pieces_of(study)}
     np.testing.assert_allclose(sorted(inertias), np.linspace(1, 2, 5), rtol=1e-15)
 
 
