@@ -62,13 +62,13 @@ def in_parts(
         return
     from jaxhb._program import kept_programs
 
-    worker = (os.getpid(), kept_programs() is not None)
+    call = partial(_computed, os.getpid(), kept_programs() is not None, function)
     pending: dict[Future, int] = {}
     try:
         while True:
             room = _room(executor) - len(pending)
             for number, arguments in islice(numbered, max(room, 0)):
-                future = executor.submit(_computed, *worker, function, *arguments)
+                future = executor.submit(call, *arguments)
                 pending[future] = number
             if not pending:
                 return
