@@ -217,7 +217,8 @@ def campaign(arguments: cli.CampaignOptions) -> int:
         {"record": lambda: campaign_record(study, summary)},
     )
     for problem, count in summary.problems.items():
-        print(f"{count} cases have no answer: {problem}", file=sys.stderr)
+        cases = "1 case has" if count == 1 else f"{count} cases have"
+        print(f"{cases} no answer: {problem}", file=sys.stderr)
     return output.NOT_ANSWERED if summary.problems else output.ANSWERED
 
 
@@ -249,7 +250,7 @@ def campaign_text(study: Study, summary: Summary) -> str:
         factor, people_unit = shown_unit(unit)
         # Text that is empty, and sample -1, stand for none.
         words = [
-            f"{key} = {value}"
+            f"{key} = {value:.6g}" if isinstance(value, float) else f"{key} = {value}"
             for key, value in largest.train.items()
             if not (key in PLACE and value in ("", -1))
         ]

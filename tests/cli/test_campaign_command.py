@@ -56,16 +56,12 @@ def test_cases_without_an_answer_are_told(study, run):
     scene = study.parent / "pair.toml"
     undamped = scene.read_text().replace("damping = 4.0", "")
     scene.write_text(undamped)
-    resonance = (
-        60
-        * jaxhb.natural_frequencies(
-            jaxhb.load_scene(scene).replace({"a|b.stiffness": 6e3})
-        ).frequencies_hz[-1]
-    )
+    train = jaxhb.load_scene(scene).replace({"a|b.stiffness": 6e3})
+    resonance = 60 * float(jaxhb.natural_frequencies(train).frequencies_hz[-1])
     text = STUDY.replace('"900:1500:4"', f"[900, {resonance!r}]")
     study.write_text(text)
     completed = run(f"campaign {study} --out {study.parent / 'out'} --quiet", status=1)
-    assert completed.err.startswith("1 cases have no answer: NEAR_SINGULAR")
+    assert completed.err.startswith("1 case has no answer: NEAR_SINGULAR")
 
 
 FAULTS = {
