@@ -25,6 +25,7 @@ from jaxhb.train.drivetrain import DriveTrain
 INVALID = "INVALID_INPUT"
 FAILED = "FAILED"
 LOST = "WORKER_LOST"
+UNKNOWN = "UNKNOWN"  # the motion is not known, and the problem says why
 RECORDED = "RECORDED"  # numbers of recorded cycles, which no harmonic balance has
 
 
@@ -33,8 +34,7 @@ class Rows:
     """Columns of the rows ``(n,)`` of a piece.
 
     numbers : those that change, by name, ``(n,)`` each; kind, period : of the motion;
-    status : how it is known, a name of :class:`jaxhb.Status`, or RECORDED, FAILED,
-    WORKER_LOST; problem : why there is no answer, "" where there is one; kept : ``(n,
+    status : how it is known, a name of :class:`jaxhb.Status`, or one of those above; problem : why there is no answer, "" where there is one; kept : ``(n,
     Q)`` quantities, nan without an answer
     """
 
@@ -155,7 +155,10 @@ def _states(train: DriveTrain, piece: Piece, rpm: np.ndarray) -> Sequence[Steady
 def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> None:
     """Add the row of a state."""
     response = state.response
-    status = RECORDED if response is None else Status(int(response.status)).name
+    if response is not None:
+        status = Status(int(response.status)).name
+    else:
+        status = RECORDED if state.known else UNKNOWN
     if not state.known:
         rows.add(state.kind, 0, status, "; ".join(state.notes))
         return

@@ -61,7 +61,7 @@ def test_cases_without_an_answer_are_told(study, run):
     text = STUDY.replace('"900:1500:4"', f"[900, {resonance!r}]")
     study.write_text(text)
     completed = run(f"campaign {study} --out {study.parent / 'out'} --quiet", status=1)
-    assert completed.err.startswith("1 case has no answer: NEAR_SINGULAR")
+    assert completed.err.startswith("1 case has no answer: the equations are singular")
 
 
 FAULTS = {
