@@ -33,9 +33,10 @@ RECORDED = "RECORDED"  # numbers of recorded cycles, which no harmonic balance h
 class Rows:
     """Columns of the rows ``(n,)`` of a piece.
 
-    numbers : those that change, by name, ``(n,)`` each; kind, period : of the motion;
-    status : how it is known, a name of :class:`jaxhb.Status`, or one of those above; problem : why there is no answer, "" where there is one; kept : ``(n,
-    Q)`` quantities, nan without an answer
+    numbers : those that change, by name; kind, period : of the motion; status : how it
+    is known, a name of :class:`jaxhb.Status`, or one of those above; problem : why
+    there is no answer, "" where there is one; kept : ``(n, Q)`` quantities, nan without
+    an answer
     """
 
     rpm: np.ndarray
