@@ -33,12 +33,12 @@ def test_parts_have_the_same_results_in_any_executor():
 
 
 def test_no_more_parts_are_taken_than_workers_can_be_given():
-    taken = []
+    numbers = []
 
     def endless_parts():
         number = 0
         while True:
-            taken.append(number)
+            numbers.append(number)
             yield (number,)
             number += 1
 
@@ -47,7 +47,7 @@ def test_no_more_parts_are_taken_than_workers_can_be_given():
         for _ in range(20):
             next(results)
         results.close()
-    assert len(taken) <= 20 + 3 * 2
+    assert len(numbers) <= 20 + 3 * 2
 
 
 def test_a_worker_has_one_processor(monkeypatch):

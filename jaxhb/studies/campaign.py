@@ -97,16 +97,16 @@ def campaign(
     """
     study = study if isinstance(study, Study) else load_study(study)
     report = progress or (lambda count: None)
-    kept = CampaignFolder(folder, study)
-    done = kept.done()
+    rows_folder = CampaignFolder(folder, study)
+    done = rows_folder.done()
     report(sum(map(study.cases_of, done)))
     missing = [number for number in range(study.parts) if number not in done]
     # The first alone compiles what all others need.
     for numbers in (missing[:1], missing[1:]):
         for number, rows in _computed(study, numbers, executor):
-            kept.write(number, rows)
+            rows_folder.write(number, rows)
             report(study.cases_of(number))
-    return summary(kept)
+    return summary(rows_folder)
 
 
 def _computed(
@@ -141,7 +141,7 @@ def _one_by_one(piece: Piece, executor: Executor | None) -> Rows:
     for place in range(len(singles)):
         (rows,) = by_place[place]
         together.numbers = rows.numbers
-        together.kept = np.concatenate([together.kept, rows.kept])
+        together.values = np.concatenate([together.values, rows.values])
         together.kind += rows.kind
         together.period += rows.period
         together.status += rows.status
@@ -149,13 +149,13 @@ def _one_by_one(piece: Piece, executor: Executor | None) -> Rows:
     return together
 
 
-def summary(kept: CampaignFolder) -> Summary:
+def summary(rows_folder: CampaignFolder) -> Summary:
     """Summarise the rows that are there."""
-    study = kept.study
+    study = rows_folder.study
     of_train = [*PLACE, *study.numbers]
     columns = [*of_train, "case", "rpm", "kind", "problem", *study.columns]
-    result = Summary(kept.rows)
-    for rows in kept.columns(columns):
+    result = Summary(rows_folder.rows)
+    for rows in rows_folder.columns(columns):
         result.cases += len(rows["case"])
         for name, counts in (("kind", result.kinds), ("problem", result.problems)):
             words, numbers = np.unique(rows[name].astype(str), return_counts=True)

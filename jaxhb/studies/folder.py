@@ -116,7 +116,7 @@ class CampaignFolder:
             "status": rows.status,
             "problem": rows.problem,
         }
-        columns |= dict(zip(self.study.columns, rows.kept.T, strict=True))
+        columns |= dict(zip(self.study.columns, rows.values.T, strict=True))
         return pyarrow.table(columns)
 
     def columns(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:

@@ -35,13 +35,13 @@ class Rows:
 
     numbers : those that change, by name; kind, period : of the motion; status : how it
     is known, a name of :class:`jaxhb.Status`, or one of those above; problem : why
-    there is no answer, "" where there is one; kept : ``(n, Q)`` quantities, nan without
+    there is no answer, "" where there is one; values : ``(n, Q)`` of the quantities, nan without
     an answer
     """
 
     rpm: np.ndarray
     numbers: dict[str, float]
-    kept: np.ndarray
+    values: np.ndarray
     kind: list[str] = field(default_factory=list)
     period: list[int] = field(default_factory=list)
     status: list[str] = field(default_factory=list)
@@ -53,11 +53,11 @@ class Rows:
         period: int,
         status: str,
         problem: str,
-        kept: Sequence[float] = (),
+        values: Sequence[float] = (),
     ) -> None:
         """Add the row of the next speed."""
-        if len(kept):
-            self.kept[len(self.kind)] = kept
+        if len(values):
+            self.values[len(self.kind)] = values
         self.kind.append(kind)
         self.period.append(period)
         self.status.append(status)
@@ -108,7 +108,7 @@ def _empty(piece: Piece) -> Rows:
     return Rows(
         rpm=piece.rpm,
         numbers=dict(piece.values),
-        kept=np.full((len(piece.rpm), len(piece.keep)), np.nan),
+        values=np.full((len(piece.rpm), len(piece.keep)), np.nan),
     )
 
 
@@ -163,16 +163,16 @@ def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> Non
     if not state.known:
         rows.add(state.kind, 0, status, "; ".join(state.notes))
         return
-    kept = [_read(train, state, quantity) for quantity in piece.keep]
-    rows.add(state.kind, state.period, status, "", kept)
+    values = [_read(train, state, quantity) for quantity in piece.keep]
+    rows.add(state.kind, state.period, status, "", values)
 
 
-def _read(train: DriveTrain, state: SteadyState, kept: Objective) -> float:
+def _read(train: DriveTrain, state: SteadyState, quantity: Objective) -> float:
     """A quantity of a state; nan where recorded cycles do not tell it."""
-    quantity = QUANTITIES[kept.quantity]
+    measure = QUANTITIES[quantity.quantity]
     motion: SteadyState | Response = state
-    if not quantity.compared:
+    if not measure.compared:
         if state.response is None:
             return np.nan
         motion = state.response
-    return float(quantity.exact_value(motion, kept.of, kept.order, train))
+    return float(measure.exact_value(motion, quantity.of, quantity.order, train))

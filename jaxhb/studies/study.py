@@ -224,8 +224,8 @@ class Study:
     def columns(self) -> list[str]:
         """Heads of the quantities kept: ``"shaft torque of a|b [N m]"``."""
         return [
-            f"{label(kept)} [{unit_of(kept.quantity)}]".replace(" []", "")
-            for kept in self.keep
+            f"{label(quantity)} [{unit_of(quantity.quantity)}]".replace(" []", "")
+            for quantity in self.keep
         ]
 
 
@@ -370,8 +370,8 @@ class _Reader:
                 continue
             for key in table:
                 if key not in self.CHANGE_KEYS:
-                    known = suggestion(key, self.CHANGE_KEYS)
-                    self._fault(f"{where}: unknown key {shown(key)}.{known}")
+                    meant = suggestion(key, self.CHANGE_KEYS)
+                    self._fault(f"{where}: unknown key {shown(key)}.{meant}")
             try:
                 yield self._change(table)
             except ValueError as error:
@@ -408,9 +408,9 @@ class _Reader:
         """Find what cannot be computed of a variant."""
         train = variant.train
         title = train.topology.title
-        for kept in study.keep:
-            for sentence in objective_faults(train, kept, len(study.rpm)):
-                self.faults.append(f"{title}, {label(kept)!r}: {sentence}")
+        for quantity in study.keep:
+            for sentence in objective_faults(train, quantity, len(study.rpm)):
+                self.faults.append(f"{title}, {label(quantity)!r}: {sentence}")
         for change in study.changes:
             for row in change.rows:
                 try:
