@@ -298,15 +298,18 @@ class Workers(LastingExecutor):
             raise ValueError(f"workers is {workers}, must be at least 1")
 
     def open(self, workers: int) -> Executor:
-        """Open a pool of processes."""
+        """Open a pool of processes, which all begin at once."""
         from jaxhb._program import kept_programs
 
-        return ProcessPoolExecutor(
+        pool = ProcessPoolExecutor(
             workers,
             get_context("spawn"),
             initializer=_begin,
             initargs=(kept_programs(),),
         )
+        for _ in range(workers):
+            pool.submit(_imports)
+        return pool
 
     def broke(self, failure: BaseException) -> bool:
         """Whether a process of the pool died."""
@@ -334,6 +337,11 @@ def _begin(programs: Path | None) -> None:
         from jaxhb._program import keep_programs
 
         keep_programs(programs)
+
+
+def _imports() -> None:
+    """Import what nearly every part needs."""
+    import jaxhb.steady.steady_state  # noqa: F401
 
 
 def _end_with(parent: Any) -> None:

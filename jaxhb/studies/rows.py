@@ -35,8 +35,8 @@ class Rows:
 
     numbers : those that change, by name; kind, period : of the motion; status : how it
     is known, a name of :class:`jaxhb.Status`, or one of those above; problem : why
-    there is no answer, "" where there is one; values : ``(n, Q)`` of the quantities, nan without
-    an answer
+    there is no answer, "" where there is one; values : ``(n, Q)`` of the quantities,
+    nan without an answer
     """
 
     rpm: np.ndarray
