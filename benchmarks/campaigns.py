@@ -69,7 +69,7 @@ def rows_in(out):
 def efficiency(folder, repeats):
     """Print the time of 2000 speeds of 10 designs with 1 and with 2 workers."""
     study = study_file(folder, 2000, 10)
-    run(study_file(folder, 200, 1), folder / "warm", 2)
+    run(study_file(folder, 200, 2), folder / "warm", 2)
     seconds = {1: [], 2: []}
     for _ in range(repeats):
         for workers, times in seconds.items():

@@ -308,7 +308,7 @@ class Workers(LastingExecutor):
             initargs=(kept_programs(),),
         )
         for _ in range(workers):
-            pool.submit(_imports)
+            pool.submit(int)
         return pool
 
     def broke(self, failure: BaseException) -> bool:
@@ -334,14 +334,10 @@ def _begin(programs: Path | None) -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     if programs is not None:
+        import jaxhb.steady.steady_state  # what nearly every part needs  # noqa: F401
         from jaxhb._program import keep_programs
 
         keep_programs(programs)
-
-
-def _imports() -> None:
-    """Import what nearly every part needs."""
-    import jaxhb.steady.steady_state  # noqa: F401
 
 
 def _end_with(parent: Any) -> None:
