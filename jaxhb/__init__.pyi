@@ -126,7 +126,7 @@ from .solutions.solve import (
 from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state
-from .studies.campaign import Summary as Summary, campaign as campaign
+from .studies.campaign import CampaignSummary as CampaignSummary, campaign as campaign
 from .studies.study import Study as Study, load_study as load_study
 from .train.assembly import build as build
 from .train.checks.plausible import plausibility as plausibility

@@ -35,7 +35,7 @@ from jaxhb.report.text.tolerances import (
     tolerance_record,
     tolerance_rows,
 )
-from jaxhb.studies.campaign import PLACE, Summary, campaign as run
+from jaxhb.studies.campaign import PLACE, CampaignSummary, campaign as run
 from jaxhb.studies.study import Study, load_study
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -222,7 +222,7 @@ def campaign(arguments: cli.CampaignOptions) -> int:
     return output.NOT_ANSWERED if summary.problems else output.ANSWERED
 
 
-def campaign_record(study: Study, summary: Summary) -> dict[str, Any]:
+def campaign_record(study: Study, summary: CampaignSummary) -> dict[str, Any]:
     """Numbers of a campaign for programs."""
     return {
         "study": study.name,
@@ -237,7 +237,7 @@ def campaign_record(study: Study, summary: Summary) -> dict[str, Any]:
     }
 
 
-def campaign_text(study: Study, summary: Summary) -> str:
+def campaign_text(study: Study, summary: CampaignSummary) -> str:
     """The summary of a campaign for people."""
     kinds = ", ".join(f"{count} {kind}" for kind, count in summary.kinds.items())
     head = (

@@ -36,8 +36,8 @@ class Largest:
 
 
 @dataclass
-class Summary:
-    """Summary of the rows of a campaign.
+class CampaignSummary:
+    """CampaignSummary of the rows of a campaign.
 
     rows : the folder that holds them; cases : their number; kinds : how many there are
     of each kind of motion; problems : of each problem; largest : by the heads of the
@@ -57,7 +57,7 @@ def campaign(
     folder: str | Path,
     executor: Executor | None = None,
     progress: Callable[[int], object] | None = None,
-) -> Summary:
+) -> CampaignSummary:
     """Compute all cases of a study, and write them to a folder as rows.
 
     Rows are in ``folder/rows``, a Parquet file for each part, which
@@ -81,7 +81,7 @@ def campaign(
 
     Returns
     -------
-    Summary
+    CampaignSummary
 
     Raises
     ------
@@ -149,12 +149,12 @@ def _one_by_one(piece: Piece, executor: Executor | None) -> Rows:
     return together
 
 
-def summary(rows_folder: CampaignFolder) -> Summary:
+def summary(rows_folder: CampaignFolder) -> CampaignSummary:
     """Summarise the rows that are there."""
     study = rows_folder.study
     of_train = [*PLACE, *study.numbers]
     columns = [*of_train, "case", "rpm", "kind", "problem", *study.columns]
-    result = Summary(rows_folder.rows)
+    result = CampaignSummary(rows_folder.rows)
     for rows in rows_folder.columns(columns):
         result.cases += len(rows["case"])
         for name, counts in (("kind", result.kinds), ("problem", result.problems)):

@@ -15,7 +15,7 @@ import jaxhb
 from jaxhb import Disk, Shaft, Torque
 from jaxhb.results.checkpoint import CheckpointError
 from jaxhb.studies import folder as campaign_folder, rows as campaign_rows
-from jaxhb.studies.campaign import Summary
+from jaxhb.studies.campaign import CampaignSummary
 from jaxhb.studies.study import Change, Study, Variant, load_study
 
 pandas = pytest.importorskip("pandas")
@@ -277,7 +277,7 @@ def test_a_campaign_of_no_design_is_one_of_the_scene_alone(tmp_path):
     )
     assert study.cases == study.parts == 1
     summary = jaxhb.campaign(study, folder=tmp_path / "out")
-    assert isinstance(summary, Summary)
+    assert isinstance(summary, CampaignSummary)
     assert summary.kinds == {"periodic": 1}
 
 
