@@ -132,6 +132,17 @@ def run_command(folder, line, *options, status=0):
     words = shlex.split(line)
     for option in options:
         words += [f"--{option}", str(path_of(folder, option))]
+    ended, out, err = run_words(words)
+    assert ended == status, err
+    if "plot" in options and status == 0:
+        pictures = [path.read_bytes() for path in folder.glob("plot*.png")]
+        assert pictures
+        assert all(picture.startswith(b"\x89PNG") for picture in pictures)
+    return Completed(line, status, out, err, folder)
+
+
+def run_words(words):
+    """Exit status, output and errors of a command run in this process."""
     out = io.TextIOWrapper(io.BytesIO(), "utf-8", newline="")
     err = io.StringIO()
     with (
@@ -142,11 +153,6 @@ def run_command(folder, line, *options, status=0):
         # Lines on the progress depend on how fast the machine is; tests of them ask for
         # them.
         patch.setattr(progress, "LOGGED", threading.TIMEOUT_MAX)
-        assert main(words) == status, err.getvalue()
-    if "plot" in options and status == 0:
-        pictures = [path.read_bytes() for path in folder.glob("plot*.png")]
-        assert pictures
-        assert all(picture.startswith(b"\x89PNG") for picture in pictures)
+        status = main(words)
     out.flush()
-    text = out.buffer.getvalue().decode()
-    return Completed(line, status, text, err.getvalue(), folder)
+    return status, out.buffer.getvalue().decode(), err.getvalue()

@@ -2,17 +2,14 @@
 
 import ast
 import re
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
 import shown
-from printed import HAMMERING, ROUNDING, reads_alike, tolerance_of
+from printed import HAMMERING, ROUNDING, reads_alike, run_words, tolerance_of
 
-SLOW = {"identify", "sweep", "solve", "campaign"}
-"""Commands that compile much: their output is compared with the tests marked
-"slow".
-"""
 SEARCHED = {"tune", "tolerance"}
 """Commands that search for minutes: ``python docs/shown.py --check`` alone compares
 them.
@@ -23,47 +20,33 @@ newest_jax = pytest.mark.skipif(
 )
 
 
-def compare(page, folder, slow):
-    """Runs the quick or the slow commands of a page and compares what it shows."""
-    shown.write_inputs(page, folder)
-    for block in shown.shown_on(page):
-        name = block.command.split()[2]
-        if name in SEARCHED or (name in SLOW and not slow):
-            continue
-        lines = shown.renewed(block.lines, shown.printed(block.command, folder))
-        if (name in SLOW) is slow:
-            differing = [
-                (a, b)
-                for a, b in zip(block.lines, lines, strict=True)
-                if not reads_alike(a, b, HAMMERING)
-            ]
-            assert not differing, (
-                f"{block.name()}: renew the page by python docs/shown.py"
-            )
-
-
-def names_of(page):
-    return {block.command.split()[2] for block in shown.shown_on(page)}
+def name_of(block):
+    return block.command.split()[2]
 
 
 @pytest.mark.slow
 @newest_jax
 @pytest.mark.parametrize(
     "page",
-    [p for p in shown.pages() if names_of(p) - SLOW - SEARCHED],
+    [p for p in shown.pages() if set(map(name_of, shown.shown_on(p))) - SEARCHED],
     ids=lambda p: p.stem,
 )
-def test_a_page_shows_what_its_quick_commands_print(page, tmp_path):
-    compare(page, tmp_path, slow=False)
-
-
-@pytest.mark.slow
-@newest_jax
-@pytest.mark.parametrize(
-    "page", [p for p in shown.pages() if names_of(p) & SLOW], ids=lambda p: p.stem
-)
-def test_a_page_shows_what_its_slow_commands_print(page, tmp_path):
-    compare(page, tmp_path, slow=True)
+def test_a_page_shows_what_its_commands_print(page, tmp_path, monkeypatch):
+    """In this process, whose programs its commands share."""
+    shown.write_inputs(page, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for block in shown.shown_on(page):
+        if name_of(block) in SEARCHED:
+            continue
+        status, output, refusal = run_words(shlex.split(block.command)[2:])
+        assert status in (0, 1), refusal
+        lines = shown.renewed(block.lines, output.rstrip("\n").splitlines())
+        differing = [
+            (a, b)
+            for a, b in zip(block.lines, lines, strict=True)
+            if not reads_alike(a, b, HAMMERING)
+        ]
+        assert not differing, f"{block.name()}: renew the page by python docs/shown.py"
 
 
 @pytest.mark.parametrize(
@@ -116,7 +99,6 @@ def test_pages_with_output_are_found():
         "timing_gears",
         "tune",
         "tolerances",
-        "campaigns",
         "trust",
         "strength",
         "linear",

@@ -267,19 +267,23 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
     np.testing.assert_allclose(exact[:, -1], exact[:, 0], rtol=0, atol=0.01 * elastic)
 
 
+def exact_plan(train, harmonics, **how):
+    """A plan at 1500 rpm that solves to rounding."""
+    request = Request(harmonics=harmonics, **how)
+    (plan,) = planning.plan_speeds(train, np.array([1500.0]), request)
+    return dataclasses.replace(plan, residual_tolerance=1e-13)
+
+
+def solved(train, harmonics, **how):
+    plan = exact_plan(train, harmonics, **how)
+    return jaxhb.solve(train, rpm=1500.0, plan=plan)
+
+
 @pytest.mark.slow
 def test_whole_train_and_condensed_equation_agree():
     """Solved to rounding: what is compared is the methods, not where they stop."""
-    train = idler()
-
-    def solved(method):
-        request = Request(harmonics=80, method=method)
-        (plan,) = planning.plan_speeds(train, np.array([1500.0]), request)
-        plan = dataclasses.replace(plan, residual_tolerance=1e-13)
-        return jaxhb.solve(train, rpm=1500.0, plan=plan)
-
-    whole = solved("chain")
-    condensed = solved("reduced")
+    whole = solved(idler(), 80, method="chain")
+    condensed = solved(idler(), 80)
     assert whole.residual < RESIDUAL
     assert condensed.residual < RESIDUAL
     for name in (
@@ -309,23 +313,19 @@ def test_shooting_hardly_corrects_exact_integrals():
 def test_gradients_are_those_of_differences():
     """Each number by itself; values, forwards and backwards are one program."""
     train = idler()
-    plan = jaxhb.plan(train, rpm=1500.0, harmonics=96, integrals="exact")
     # Differences of short steps show what is left of the equations.
-    plan = dataclasses.replace(plan, residual_tolerance=1e-13)
-    start = jaxhb.solve(train, rpm=1500.0, plan=plan)
+    plan = exact_plan(train, 96, integrals="exact")
     weight = np.random.default_rng(2).normal(size=(2, 39))
 
     def amplitude(values):
-        response = jaxhb.solve(
-            train.replace(values), rpm=1500.0, plan=plan, start=start
-        )
-        return (response.forces[:, 1:40].real * weight).sum()
+        response = jaxhb.solve(train.replace(values), rpm=1500.0, plan=plan)
+        return (response.forces[:, 1:40].real * weight).sum(), response.residual
 
     @jax.jit
     def linearised(values, along):
-        number, push = jax.linearize(amplitude, values)
+        number, push, residual = jax.linearize(amplitude, values, has_aux=True)
         (backwards,) = jax.linear_transpose(push, values)(1.0)
-        return number, push(along), backwards
+        return number, push(along), backwards, residual
 
     values = {name: np.asarray(train.value(name)) for name in STEPS}
     for name, step in STEPS.items():
@@ -334,7 +334,8 @@ def test_gradients_are_those_of_differences():
         direction = np.random.default_rng(3).normal(size=value.shape) * scale
         along = {other: np.zeros_like(number) for other, number in values.items()}
         along[name] = direction
-        _, slope, gradients = linearised(values, along)
+        _, slope, gradients, residual = linearised(values, along)
+        assert residual < RESIDUAL
         reverse = np.sum(np.asarray(gradients[name]) * direction)
         ends = [
             float(linearised(values | {name: value + k * step * direction}, along)[0])
@@ -346,9 +347,10 @@ def test_gradients_are_those_of_differences():
 
 @pytest.mark.slow
 def test_a_longer_cycle_has_the_same_motion():
-    train = idler()
-    once = jaxhb.solve(train, rpm=1500.0, harmonics=64)
-    twice = jaxhb.solve(train.repeated(2), rpm=1500.0, harmonics=128)
+    once = solved(idler(), 80)
+    twice = solved(idler().repeated(2), 160)
+    assert once.residual < RESIDUAL
+    assert twice.residual < RESIDUAL
     np.testing.assert_allclose(
         twice.deflections[:, ::2], once.deflections, rtol=0, atol=1e-6 * HALF
     )
