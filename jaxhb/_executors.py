@@ -21,6 +21,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from functools import partial
+from importlib import import_module
 from itertools import islice
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -334,10 +335,11 @@ def _begin(programs: Path | None) -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     if programs is not None:
-        import jaxhb.steady.steady_state  # what nearly every part needs  # noqa: F401
         from jaxhb._program import keep_programs
 
         keep_programs(programs)
+        # What nearly every part needs, while the first part is computed elsewhere.
+        import_module("jaxhb.steady.steady_state")
 
 
 def _end_with(parent: Any) -> None:

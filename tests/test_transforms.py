@@ -198,7 +198,9 @@ CALLS = {
 }
 WITHOUT_NUMBERS = {
     "cache_programs",
+    "campaign",
     "load_scene",
+    "load_study",
     "scene_names",
     "scene_text",
     "elements_text",
