@@ -18,36 +18,35 @@ from jaxhb import _program
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def compiled_options(monkeypatch):
     """The options of every program compiled."""
-    found, jit = [], jax.jit
+    options = []
+    jit = jax.jit
 
     def watched(*args, compiler_options=None, **kwargs):
-        found.append(compiler_options)
+        options.append(compiler_options)
         return jit(*args, compiler_options=compiler_options, **kwargs)
 
     monkeypatch.setattr(jax, "jit", watched)
     # Memory maps have just been counted: programs of tests before are not dropped, and
     # compiled again, meanwhile.
     monkeypatch.setattr(_program._held, "counted", _program._held.programs)
-    return found
+    return options
 
 
 def cube(x):
     return x**3
 
 
-def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
+def test_the_host_compiles_with_options_that_transformations_do_not_take(
+    compiled_options,
+):
     program = _program.Program(cube)
-    assert (
-        program(2.0) == 8.0
-        and asked[0] is None
-        and asked[-1] == _program._known_options()
-    )
-    assert (
-        asked[-1].items() <= _program.OPTIONS.items()
-        and "xla_disable_hlo_passes" in asked[-1]
-    )
+    assert program(2.0) == 8.0
+    assert compiled_options[0] is None
+    assert compiled_options[-1] == _program._known_options()
+    assert compiled_options[-1].items() <= _program.OPTIONS.items()
+    assert "xla_disable_hlo_passes" in compiled_options[-1]
     assert jax.grad(program)(2.0) == 12.0
     assert jax.jit(lambda x: program(x) + 1.0)(2.0) == 9.0
     assert np.array_equal(jax.vmap(program)(jnp.arange(3.0)), [0.0, 1.0, 8.0])
@@ -57,12 +56,16 @@ def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
     assert jax.jit(lambda x: x * program(2.0))(3.0) == 24.0
 
 
-def test_a_program_prepared_is_the_one_that_is_called(asked):
+def test_a_program_prepared_is_the_one_that_is_called(compiled_options):
     square = _program.Program(lambda x: x * x)
     made = square.compile_ahead(3.0)
     assert made.result()({"x": 3.0}) == 9.0
-    compiled = len(asked)
-    assert square(4.0) == 16.0 and len(asked) == compiled and executables(square) == 1
+    compiled = len(compiled_options)
+    assert (
+        square(4.0) == 16.0
+        and len(compiled_options) == compiled
+        and executables(square) == 1
+    )
     assert square.compile_ahead(5.0) is None  # it is there
 
 
@@ -94,10 +97,10 @@ def test_a_preparation_given_up_is_made_by_the_call():
         square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()
     )  # nobody waits for the other thread
     wait.set()
-    assert all(one.result() for one in busy)
+    assert all(future.result() for future in busy)
 
 
-def test_threads_that_call_a_program_at_once_make_it_once(asked):
+def test_threads_that_call_a_program_at_once_make_it_once(compiled_options):
     _program._known_options()
 
     def square_of(x):
@@ -105,10 +108,10 @@ def test_threads_that_call_a_program_at_once_make_it_once(asked):
         return x * x
 
     square = _program.Program(square_of)
-    compiled = len(asked)
+    compiled = len(compiled_options)
     with ThreadPoolExecutor(2) as threads:
         assert list(threads.map(square, (3.0, 4.0))) == [9.0, 16.0]
-    assert len(asked) == compiled + 1 and executables(square) == 1
+    assert len(compiled_options) == compiled + 1 and executables(square) == 1
 
 
 def test_a_program_that_fails_is_tried_again_by_the_next_call():
@@ -140,14 +143,18 @@ def test_programs_are_dropped_before_their_memory_maps_are_too_many():
 
 def test_programs_of_others_stay_where_dropping_those_of_the_package_is_enough():
     held = _program.Held()
-    others = jax.jit(lambda x: 5.0 * x)
+    of_another = jax.jit(lambda x: 5.0 * x)
     square = _program.Program(lambda x: jnp.sin(x) @ x)
-    assert others(1.0) == 5.0
+    assert of_another(1.0) == 5.0
     before = len(Path("/proc/self/maps").read_bytes().splitlines())
     square(np.ones(7)), square(np.ones(8)), jax.grad(square)(np.ones(7))
     held.limit(most=before, between=1)
     compiled = held.programs
-    assert executables(square) == 0 and others(1.0) == 5.0 and held.programs == compiled
+    assert (
+        executables(square) == 0
+        and of_another(1.0) == 5.0
+        and held.programs == compiled
+    )
     assert square(np.ones(7)) == pytest.approx(7 * np.sin(1.0), rel=1e-14)
 
 
@@ -174,15 +181,15 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("said", REFUSED)
-def test_settings_of_jax_that_spoil_numbers_are_refused_with_a_sentence(said):
+@pytest.mark.parametrize("sentence", REFUSED)
+def test_settings_of_jax_that_spoil_numbers_are_refused_with_a_sentence(sentence):
     program = _program.Program(cube)
     train = jaxhb.load_scene("engine_with_damper")
-    with REFUSED[said]():
+    with REFUSED[sentence]():
         for call in (program, jax.grad(program), jax.jit(program)):
-            with pytest.raises(RuntimeError, match=said):
+            with pytest.raises(RuntimeError, match=sentence):
                 call(2.0)
-        with pytest.raises(RuntimeError, match=said):
+        with pytest.raises(RuntimeError, match=sentence):
             jaxhb.linear_response(train, rpm=1500.0)
 
 
@@ -204,13 +211,13 @@ def test_numbers_that_are_not_finite_are_found_in_code_of_users_alone(setting, v
             jax.jit(jnp.log)(value)
 
 
-def test_threads_ask_the_compiler_once_what_it_knows(asked):
+def test_threads_ask_the_compiler_once_what_it_knows(compiled_options):
     """Several at once would write and read the same entries of jax's cache."""
     _program._options_compiler_knows.cache_clear()
     with ThreadPoolExecutor(4) as threads:
         answers = list(threads.map(lambda _: _program._known_options(), range(4)))
     unknown = len(_program.OPTIONS) - len(answers[0])  # each of which is refused once
-    assert len(asked) == unknown + 1 and asked[-1] == answers[0]
+    assert len(compiled_options) == unknown + 1 and compiled_options[-1] == answers[0]
     assert all(answer is answers[0] for answer in answers)
 
 
