@@ -191,7 +191,7 @@ class ReportOptions(
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneOptions(ChangedOptions):
+class TuneOptions(ChangedOptions, ParallelOptions):
     """Options of ``jaxhb tune``; those that are None are as the [tune] table says."""
 
     rpm: list[float] | None

@@ -98,7 +98,12 @@ def tune(train: DriveTrain, arguments: cli.TuneOptions) -> int:
 
         def compute(folder: Any) -> Tuning:
             return search(
-                train, **table, on_start=files.begin, on_step=files.note, out=folder
+                train,
+                **table,
+                on_start=files.begin,
+                on_step=files.note,
+                out=folder,
+                executor=arguments.executor,
             )
 
         def left() -> str:

@@ -533,6 +533,7 @@ def report() -> None:
 @option(
     "--starts N", "number of designs tuned together: the scene and random ones", whole
 )
+@options.PARALLEL
 @option("--seed N", "seed of the random designs (default 0)", count)
 @option("--tolerance T", "as in solve (default 0.01)", share)
 @options.file("output", "the tuned scene (default: SCENE_tuned.toml here)")

@@ -138,11 +138,17 @@ class Descent:
         self.began = time.monotonic()
         self.earlier = history[-1] if history else None
 
-    def run(self, z: np.ndarray, steps: int) -> tuple[Point, Point, str, bool]:
-        """Go down from the designs z ``(A, P)`` to the end, or to Ctrl-C: the first and
-        the best Point, why it stopped, and whether the user stopped it.
+    def run(
+        self, z: np.ndarray, steps: int, only: int | None = None
+    ) -> tuple[Point, Point, str, bool]:
+        """Go down from the designs z ``(A, P)``, or from ``only`` one of them, to the
+        end, or to Ctrl-C: the first and the best Point, why it stopped, and whether the
+        user stopped it.
         """
-        first = self.best = self.point = self._first(z)
+        first = self.point = self._first(z)
+        if only is not None:
+            self._select(only)
+        self.best = self.point
         self._note(0)
         try:
             stopped = self._stages(steps)
@@ -192,6 +198,13 @@ class Descent:
         self.aim = dataclasses.replace(self.aim, scales=self._sizes(point, 0))
         self._sharpen(self.rules.widths[0], point)
         return self._at(z, point)
+
+    def _select(self, design: int) -> None:
+        """Go on with one design alone; the first is still the unit of objectives."""
+        self.point = jax.tree.map(lambda leaf: leaf[[design]], self.point)
+        self._count(self.aim.counted[[design]])
+        self._sharpen(self.rules.widths[0], self.point)
+        self.point = self._at(self.point.z, self.point)
 
     def _count(self, counted: np.ndarray) -> None:
         """Let the speeds ``counted`` ``(A, n)`` enter the objective from now on."""

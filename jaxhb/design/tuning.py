@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -53,7 +54,14 @@ from jaxhb.design.tolerances import (
 )
 from jaxhb.design.worst_case import Spread, tolerance as worst_within
 from jaxhb.elements.sentences import SceneError
-from jaxhb.results.checkpoint import Cached, keeper, place_in
+from jaxhb.results.checkpoint import (
+    Cached,
+    Checkpoint,
+    answered_parts,
+    computed,
+    keeper,
+    place_in,
+)
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -135,6 +143,7 @@ def tune(
     on_step: Callable[[Step], object] | None = None,
     on_start: Callable[[Reading], object] | None = None,
     out: str | Path | Cached | None = None,
+    executor: Executor | None = None,
 ) -> Tuning:
     """Change numbers of a train so that response quantities become small over a range
     of speeds.
@@ -204,6 +213,10 @@ def tune(
         was stopped, with the same numbers to the last bit.
         :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be
         written.
+    executor : concurrent.futures.Executor, optional
+        Where each start is tuned by itself, as :class:`jaxhb.Workers`: the numbers are
+        then the same whatever the executor, but not those of starts that are tuned side
+        by side. ``on_step`` is called with the last step of each best start so far.
 
     Returns
     -------
@@ -240,7 +253,7 @@ def tune(
     )
     task = Task(tuple(parameters), objectives, tuple(penalties))
     check_all(train, task.parameters, objectives, task.penalties, rpm)
-    _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
+    _check_numbers(train, optimizer, steps, starts, seed, peaks, widths, executor)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)
     rules = Rules(optimizer, rate, tuple(widths), improvement, patience)
     check = partial(
@@ -281,38 +294,40 @@ def tune(
         largest responses of all its lanes.
         """
         # Every stage has a folder of its own.
-        keep = keeper(
-            place_in(out, f"stage {next(stages)}"),
-            train,
-            options | {"lanes": (speeds, scatter, critical)},
-        )
+        folder = place_in(out, f"stage {next(stages)}")
+        settings = options | {"lanes": (speeds, scatter, critical)}
         lane_objectives = tuple(
             _at_lanes(objective, speeds) for objective in objectives
         )
-        evaluator = Evaluator(
-            train,
-            rpm[speeds],
-            dataclasses.replace(task, objectives=lane_objectives),
-            request,
-            peaks,
-            scatter,
-            critical,
-        )
-        descent = Descent(
-            evaluator,
-            rules,
-            on_step=on_step,
-            on_start=on_start,
-            keep=keep,
-            history=history,
+        question = _Question(
+            train=train,
+            rpm=rpm,
+            speeds=speeds,
+            task=dataclasses.replace(task, objectives=lane_objectives),
+            request=request,
+            peaks=peaks,
+            scatter=scatter,
+            critical=tuple(critical),
+            rules=rules,
+            steps=steps,
+            history=tuple(history),
         )
         z = np.concatenate(
             [task.unbounded(train)[None], np.reshape(more, (-1, n_parameters))]
         )
-        first, best, stopped, interrupted = descent.run(z, steps)
-        return _result(
-            train, rpm, evaluator, descent, first, best, stopped, interrupted
-        )
+        if executor is None or len(z) == 1:
+            return _tuned(
+                question,
+                z,
+                on_step=on_step,
+                on_start=on_start,
+                keep=keeper(folder, train, settings),
+            )
+        settings |= {"starts by themselves": True}
+        checkpoint = None
+        if folder is not None:
+            checkpoint = Checkpoint(folder, train, settings, None)
+        return _tuned_apart(question, z, executor, checkpoint, on_step)
 
     random = np.log(drawn / (1 - drawn))
     if robust is None:
@@ -334,6 +349,100 @@ def tune(
         out=out,
     )
     return result if result.interrupted else _checked(train, check, result)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """Question of one stage of a tuning: the train and the speeds asked for, lanes at
+    ``speeds`` of them, and how designs go down after the steps of the ``history``.
+    """
+
+    train: DriveTrain
+    rpm: np.ndarray
+    speeds: np.ndarray
+    task: Task
+    request: Request
+    peaks: int
+    scatter: Scatter | None
+    critical: tuple[Followed, ...]
+    rules: Rules
+    steps: int
+    history: tuple[Step, ...]
+
+
+def _tuned(
+    question: _Question,
+    z: np.ndarray,
+    only: int | None = None,
+    *,
+    on_step: Callable[[Step], object] | None = None,
+    on_start: Callable[[Reading], object] | None = None,
+    keep: Callable[..., Point] = computed,
+) -> tuple[Tuning, np.ndarray]:
+    """Tune from the designs z ``(A, P)``, the first of which is the train as it is, or
+    from ``only`` one of them: the Tuning, and the largest responses of all its lanes.
+    """
+    train = question.train
+    rpm = question.rpm
+    evaluator = Evaluator(
+        train,
+        rpm[question.speeds],
+        question.task,
+        question.request,
+        question.peaks,
+        question.scatter,
+        question.critical,
+    )
+    descent = Descent(
+        evaluator,
+        question.rules,
+        on_step=on_step,
+        on_start=on_start,
+        keep=keep,
+        history=question.history,
+    )
+    first, best, stopped, interrupted = descent.run(z, question.steps, only)
+    return _result(train, rpm, evaluator, descent, first, best, stopped, interrupted)
+
+
+def _tuned_apart(
+    question: _Question,
+    z: np.ndarray,
+    executor: Executor,
+    checkpoint: Checkpoint | None,
+    on_step: Callable[[Step], object] | None,
+) -> tuple[Tuning, np.ndarray]:
+    """Tune as :func:`_tuned`, from each of the designs by itself: the best Tuning, with
+    the outcomes of all.
+    """
+    # Beside each stands the train as it is, whose values are the units of objectives.
+    parts: list[tuple] = [(question, z[:1])]
+    parts += [(question, z[[0, number]], 1) for number in range(1, len(z))]
+    questions = [part[1] for part in parts]
+    results: dict[int, tuple[Tuning, np.ndarray]] = {}
+    for number, result in answered_parts(
+        checkpoint, questions, _tuned, parts, executor
+    ):
+        results[number] = result
+        if on_step and _best(results) == number:
+            on_step(result[0].history[-1])
+    tuning, largest = results[_best(results)]
+    outcomes = itertools.chain.from_iterable(
+        results[number][0].outcomes for number in range(len(z))
+    )
+    return dataclasses.replace(tuning, outcomes=tuple(outcomes)), largest
+
+
+def _best(results: Mapping[int, tuple[Tuning, np.ndarray]]) -> int:
+    """Number of the start that keeps most speeds and, among those, has the lowest
+    objective; the first of several.
+    """
+
+    def rank(number: int) -> tuple[int, float, int]:
+        ((objective, _, solved),) = results[number][0].outcomes
+        return -solved, objective, number
+
+    return min(results, key=rank)
 
 
 def _at_lanes(objective: Objective, speeds: np.ndarray) -> Objective:
@@ -507,6 +616,7 @@ def _check_numbers(
     seed: int,
     peaks: int,
     widths: Sequence[float],
+    executor: Executor | None,
 ) -> None:
     """Refuse options of a tuning, one sentence a fault."""
     title = train.topology.title
@@ -514,6 +624,11 @@ def _check_numbers(
     fault = fault_of_optimizer(optimizer)
     if fault:
         faults.append(f"{title}: {fault}")
+    if executor is not None and not isinstance(optimizer, str):
+        faults.append(
+            f"{title}: an optimizer of optax cannot be sent to an executor: name"
+            ' "lbfgs" or "adam".'
+        )
     counts = (
         ("steps", steps, 1),
         ("starts", starts, 1),

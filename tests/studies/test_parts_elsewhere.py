@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.design import Objective, Tolerance
+from jaxhb.design import Objective, Parameter, Tolerance
 from jaxhb.results.checkpoint import digest
 
 SPEEDS = np.linspace(1500.0, 5500.0, 20)
@@ -83,3 +83,52 @@ def test_the_sample_of_tolerances(pair, threads):
     alone = spread(None)
     assert np.isfinite(alone.samples).all()
     assert digest(spread(threads)) == digest(alone)
+
+
+@pytest.mark.slow
+def test_starts_of_a_tuning(threads, tmp_path):
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
+    pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
+    steps = []
+
+    def tuned(starts, executor, **options):
+        return jaxhb.tune(
+            train,
+            parameters=[pulley],
+            rpm=[1800.0, 2000.0, 2200.0],
+            objective=swing,
+            steps=3,
+            starts=starts,
+            executor=executor,
+            **options,
+        )
+
+    apart = tuned(3, threads, out=tmp_path / "kept", on_step=steps.append)
+    assert len(apart.outcomes) == 3
+    # The train as it is goes its way whether or not others do.
+    assert apart.outcomes[0] == tuned(1, None).outcomes[0]
+    values = [objective for objective, _, _ in apart.outcomes]
+    best = apart.outcomes[int(np.argmin(values))]
+    assert apart.after.parameters == best[1]
+    assert steps[-1].parameters == best[1]
+    with ThreadPoolExecutor(1) as one_thread:
+        again = tuned(3, one_thread)
+    assert again.outcomes == apart.outcomes
+    assert digest(again.after) == digest(apart.after)
+    resumed = tuned(3, threads, out=tmp_path / "kept")
+    assert resumed.outcomes == apart.outcomes
+
+
+def test_an_optimizer_of_optax_stays_in_its_process(threads):
+    optax = pytest.importorskip("optax")
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    with pytest.raises(jaxhb.SceneError, match="cannot be sent to an executor"):
+        jaxhb.tune(
+            train,
+            parameters=[Parameter(name="pulley.inertia", low=0.005, high=0.05)],
+            rpm=[1800.0],
+            objective=Objective(quantity="shaft torque", of="cyl6|flywheel"),
+            optimizer=optax.sgd(0.1),
+            executor=threads,
+        )
