@@ -156,15 +156,19 @@ def _states(train: DriveTrain, piece: Piece, rpm: np.ndarray) -> Sequence[Steady
 def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> None:
     """Add the row of a state."""
     response = state.response
+    problem = ""
     if response is not None:
-        status = Status(int(response.status)).name
+        outcome = Status(int(response.status))
+        status = outcome.name
+        # Numbers beyond their limits are there, but no answer, as in a sweep.
+        problem = "" if outcome == Status.CONVERGED else outcome.sentence
     else:
         status = RECORDED if state.known else UNKNOWN
     if not state.known:
         rows.add(state.kind, 0, status, "; ".join(state.notes))
         return
     values = [_read(train, state, quantity) for quantity in piece.keep]
-    rows.add(state.kind, state.period, status, "", values)
+    rows.add(state.kind, state.period, status, problem, values)
 
 
 def _read(train: DriveTrain, state: SteadyState, quantity: Objective) -> float:

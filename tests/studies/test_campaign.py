@@ -2,6 +2,7 @@
 happens.
 """
 
+import dataclasses
 import errno
 import os
 import subprocess
@@ -208,6 +209,24 @@ def test_a_speed_that_fails_spoils_no_other(tmp_path, study_file, monkeypatch):
     assert set(rows["status"][failed]) == {"FAILED"}
     assert set(rows["status"][~failed]) == {"CONVERGED"}
     assert summary.problems == {"ArithmeticError: no eigenvalue": 6}
+
+
+def test_an_answer_beyond_its_limits_is_told(tmp_path, study_file, monkeypatch):
+    study_file.write_text(f'answers = "orbit"\n{study_file.read_text()}')
+    jaxhb.campaign(study_file, folder=tmp_path / "whole")
+    solve = campaign_rows.solve_speeds
+    missed = jaxhb.Status.TOLERANCE_NOT_MET
+
+    def coarse(train, *, rpm, **options):
+        responses = solve(train, rpm=rpm, **options)
+        return dataclasses.replace(responses, status=np.full(len(rpm), missed))
+
+    monkeypatch.setattr(campaign_rows, "solve_speeds", coarse)
+    summary = jaxhb.campaign(study_file, folder=tmp_path / "out")
+    rows = rows_in(tmp_path / "out")
+    assert set(rows["status"]) == {"TOLERANCE_NOT_MET"}
+    assert summary.problems == {missed.sentence: len(rows)}
+    assert rows[TORQUE].equals(rows_in(tmp_path / "whole")[TORQUE])
 
 
 class LosingExecutor(Executor):
