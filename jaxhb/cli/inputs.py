@@ -105,14 +105,17 @@ def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
 
 
 def check_files(
-    arguments: cli.CommonOptions, options: dict[str, str] | None = None
+    arguments: cli.CommonOptions | cli.CampaignOptions,
+    options: dict[str, str] | None = None,
 ) -> None:
     """Refuse what cannot be written, by the name of the option that was given;
     ``options`` are those under which files stand that the user did not name.
     """
     files = arguments.files
-    scenes = [arguments.scene, getattr(arguments, "tuned", None)] if files else []
+    scenes = [getattr(arguments, name, None) for name in ("scene", "tuned") if files]
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
+    if isinstance(arguments, cli.CampaignOptions):
+        inputs += filter(Path.is_file, [Path(arguments.study)])
     for name, path in files.items():
         form = FORMATS[name]
         option = (options or {}).get(name) or form.option

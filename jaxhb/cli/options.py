@@ -126,6 +126,7 @@ class Command(click.Command):
         from jaxhb.cli import inputs, operating_modes
 
         if isinstance(arguments, cli.CampaignOptions):
+            inputs.check_files(arguments)
             return self._function()(arguments)
         if not isinstance(arguments, cli.ChangedOptions):
             return getattr(inputs, self.function_name)(arguments)

@@ -74,6 +74,8 @@ FAULTS = {
     ),
     "'0' must be a whole number of at least 1": "campaign STUDY --workers 0",
     "there is no such file": "campaign nothing.toml",
+    "--json: there is no folder": "campaign STUDY --json nowhere/a.json",
+    "is read by this command and would be lost": "campaign STUDY --json STUDY",
 }
 
 
