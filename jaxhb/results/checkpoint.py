@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cache
@@ -149,12 +149,10 @@ class Checkpoint:
             )
             raise CheckpointError(f"{place} holds a sweep of {description}. {remedy}")
         for kind in ("versions", "options"):
-            for name, value in manifest[kind].items():
-                if stored[kind].get(name) != value:
-                    change = f"{name} {stored[kind].get(name)} there, {value} now"
-                    raise CheckpointError(
-                        f"{place} holds a sweep with other {kind}: {change}. {remedy}"
-                    )
+            for change in changes(stored[kind], manifest[kind]):
+                raise CheckpointError(
+                    f"{place} holds a sweep with other {kind}: {change}. {remedy}"
+                )
 
     def keep(
         self,
@@ -226,6 +224,13 @@ class Checkpoint:
             else " What is in it stays: mend that, and the same sweep goes on."
         )
         raise CheckpointError(why + stays) from None
+
+
+def changes(stored: Mapping[str, Any], present: Mapping[str, Any]) -> Iterator[str]:
+    """Yield in words each value of a manifest that differs from the one stored."""
+    for name, value in present.items():
+        if stored.get(name) != value:
+            yield f"{name} {stored.get(name)} there, {value} now"
 
 
 def answered_parts(

@@ -37,7 +37,7 @@ class Largest:
 
 @dataclass
 class CampaignSummary:
-    """CampaignSummary of the rows of a campaign.
+    """Summary of the rows of a campaign.
 
     rows : the folder that holds them; cases : their number; kinds : how many there are
     of each kind of motion; problems : of each problem; largest : by the heads of the
@@ -162,7 +162,7 @@ def summary(rows_folder: CampaignFolder) -> CampaignSummary:
             for word, number in zip(words, numbers, strict=True):
                 counts[str(word)] = counts.get(str(word), 0) + int(number)
         for head in study.columns:
-            values = np.nan_to_num(rows[head], nan=-np.inf)
+            values = np.where(np.isnan(rows[head]), -np.inf, rows[head])
             place = int(np.argmax(values))
             before = result.largest.get(head)
             if values[place] > (-np.inf if before is None else before.value):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb._files import clear_parts, write_whole
-from jaxhb.results.checkpoint import CheckpointError, versions
+from jaxhb.results.checkpoint import CheckpointError, changes, versions
 from jaxhb.studies.rows import Rows
 from jaxhb.studies.study import Piece, Study
 
@@ -54,26 +54,26 @@ class CampaignFolder:
 
     def _compare(self, manifest: dict[str, Any]) -> None:
         """Refuse the rows of another study, or of other sources or versions."""
+        place = repr(str(self.folder))
         try:
             stored = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
-            for kind in manifest:
-                for name, value in manifest[kind].items():
-                    there = stored[kind].get(name)
-                    if there != value:
-                        # Hashes say nothing to people.
-                        change = (
-                            name if name in HASHED else f"{name} {there}, {value} now"
-                        )
-                        raise CheckpointError(
-                            f"{str(self.folder)!r} holds a campaign with other {kind}:"
-                            f" {change}. Give another folder, or remove this one."
-                        )
-        except (ValueError, KeyError, AttributeError) as error:
-            if isinstance(error, CheckpointError):
-                raise
+            differing = {
+                kind: list(changes(stored[kind], values))
+                for kind, values in manifest.items()
+            }
+        except (ValueError, KeyError, TypeError, AttributeError):
             raise CheckpointError(
-                f"{str(self.folder)!r} has no readable {MANIFEST}. Give another folder."
+                f"{place} has no readable {MANIFEST}. Give another folder."
             ) from None
+        for kind, sentences in differing.items():
+            for change in sentences:
+                # Hashes say nothing to people.
+                hashed = [name for name in HASHED if change.startswith(f"{name} ")]
+                raise CheckpointError(
+                    f"{place} holds a campaign with other {kind}:"
+                    f" {hashed[0] if hashed else change}. Give another folder, or"
+                    " remove this one."
+                )
 
     def done(self) -> set[int]:
         """Numbers of the parts that are there."""
