@@ -57,7 +57,7 @@ def pages() -> list[Path]:
 
 
 def shown_on(page: Path) -> list[Shown]:
-    """What a page shows, in its order."""
+    """Blocks that a page shows, in its order."""
     text = page.read_text(encoding="utf-8")
     return [
         Shown(page, command, tuple(body.splitlines()))
@@ -168,7 +168,7 @@ def _with_seconds_of(shown: Sequence[str], line: str) -> str:
 
 
 def words_of(line: str) -> str:
-    """What a line says but for its numbers and its spaces."""
+    """Words of a line without its numbers and spaces."""
     return " ".join(NUMBER.sub("#", line).split())
 
 
