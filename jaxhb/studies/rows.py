@@ -161,7 +161,7 @@ def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> Non
         outcome = Status(int(response.status))
         status = outcome.name
         # Numbers beyond their limits are there, but no answer, as in a sweep.
-        problem = "" if outcome == Status.CONVERGED else outcome.sentence
+        problem = "" if response.converged else outcome.sentence
     else:
         status = RECORDED if state.known else UNKNOWN
     if not state.known:
