@@ -1,0 +1,281 @@
+"""March of a transient through blocks of steps.
+
+The loads of a block are made at once, by products over all its half steps: harmonics of
+the turning angle times the torques of the momentary speed. What is left to the steps
+one after another is the propagation of the states and the force of the teeth, by
+Krogstad's scheme (:mod:`jaxhb.integration.step`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxhb._jax import Array
+from jaxhb._program import Program
+from jaxhb.equations import backlash
+from jaxhb.equations.backlash import Law
+from jaxhb.equations.state_space import propagated
+from jaxhb.transient.timeline import STEPS, Blocks
+from jaxhb.transient.torques import TorqueTable, parabola
+from jaxhb.transient.weights import StepWeights
+
+# Half steps of a block as shares of its time. The first and the last lie inside: events
+# that jump at a border belong to one side of it.
+INSIDE = 1e-9
+SHARES = np.clip(np.arange(2 * STEPS + 1) / (2 * STEPS), INSIDE, 1 - INSIDE)
+ENDS = np.array([INSIDE, 0.5, 1 - INSIDE])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Errors:
+    """Transmission errors of R meshes: coefficients ``(R, K+1)`` m over the cycle,
+    stiffness N/m and viscous N s/m ``(R,)``; places : of the meshes with a law among
+    them.
+    """
+
+    coefficients: Array
+    stiffness: Array
+    viscous: Array
+    places: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Marching:
+    """All that the blocks of a transient share.
+
+    weights : by the lengths of the steps, ``(K, ...)``; observation ``(2G, n)``; law,
+    viscous, contact_damping : of G meshes; variation ``(G, H+1)``: coefficients of
+    their stiffness over the cycle, over its mean, less 1, or None; errors : or None;
+    torques : of the excitation; revolutions : of the reference rotor in a cycle.
+    """
+
+    weights: StepWeights
+    observation: Array
+    law: Law
+    viscous: Array
+    contact_damping: Array
+    variation: Array | None
+    errors: Errors | None
+    torques: TorqueTable
+    revolutions: float = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Marched:
+    """Steps of blocks ``(B, STEPS, ...)``, each at its end: states ``(n,)``, loads
+    ``(C,)``, deflections and rates ``(2G,)`` of the meshes.
+    """
+
+    state: Array
+    loads: Array
+    teeth: Array
+
+
+@Program
+def march(marching: Marching, state: Array, blocks: Blocks) -> tuple[Array, Marched]:
+    """March from a state ``(n,)`` through blocks: the state at the end, and the
+    :class:`Marched`.
+    """
+    marching, blocks = jax.tree.map(jnp.asarray, (marching, blocks))
+
+    def block(state: Array, one_block: Blocks) -> tuple[Array, Marched]:
+        return _block(marching, state, one_block)
+
+    return lax.scan(block, state, blocks)
+
+
+def _turning(angle: Array, harmonics: int) -> Array:
+    """Powers 0 to N ``(n, N+1)`` of exp(i angle), angle ``(n,)`` rad."""
+    turn = jnp.exp(1j * angle)
+    powers = [jnp.ones_like(turn), turn]
+    while len(powers) <= harmonics:
+        half = len(powers) // 2
+        powers.append(powers[half] * powers[len(powers) - half])
+    return jnp.stack(powers[: harmonics + 1], axis=1)
+
+
+def _values(turning: Array, coefficients: Array) -> Array:
+    """Values ``(n, D)`` of coefficients ``(D, N+1)`` at angles ``(n,)``."""
+    counts = np.where(np.arange(coefficients.shape[1]) > 0, 2.0, 1.0)
+    turned = counts * coefficients
+    turning = turning[:, : coefficients.shape[1]]
+    return turning.real @ turned.real.T - turning.imag @ turned.imag.T
+
+
+def _torques(
+    table: TorqueTable, block: Blocks, turning: Array, acceleration: Array
+) -> Array:
+    """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
+    omega = block.speeds(ENDS)
+    panel = jnp.searchsorted(table.omega[:, 0], omega[1], side="right") - 1
+    panel = jnp.clip(panel, 0, len(table.omega) - 1)
+    begin, end = table.omega[panel]
+    share = (omega - begin) / (end - begin)
+    nodes = table.harmonics[block.mode, panel]
+    over_speed = jnp.stack(parabola(nodes[0], nodes[1], nodes[2]))
+    powers = share[:, None] ** np.arange(3)
+    at_times = jnp.einsum("tk,kdn->tdn", powers + 0j, over_speed)
+    at_ends = acceleration[np.array([0, STEPS, -1]), None, None]
+    at_times = at_times + at_ends * table.accelerating
+    over_time = parabola(at_times[0], at_times[1], at_times[2])
+    values = _values(turning, jnp.concatenate(over_time))
+    constant, linear, square = jnp.split(values, 3, axis=1)
+    shares = SHARES[:, None]
+    return constant + shares * (linear + shares * square)
+
+
+def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:
+    """Transmission errors ``(n, R)`` m and their rates ``(n, R)`` m/s, as the cycle
+    turns at ``rate`` ``(n,)`` rad/s.
+    """
+    harmonic = np.arange(errors.coefficients.shape[1])
+    error = _values(turning, errors.coefficients)
+    by_angle = _values(turning, 1j * harmonic * errors.coefficients)
+    return error, by_angle * rate[:, None]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Steps:
+    """Numbers of the steps of a block, ``(STEPS, ...)``: what loads add to the state
+    ``(n,)`` and to w ``(2G,)`` in the middle and at the end; stiffness over its mean,
+    less 1, ``(3, G)`` at begin, middle and end, None where it is constant.
+    """
+
+    state: Array
+    middle: Array
+    end: Array
+    variation: Array | None
+
+
+def _at_steps(values: Array) -> tuple[Array, Array, Array]:
+    """Values ``(STEPS, ...)`` at begin, middle and end of the steps, of those at half
+    steps.
+    """
+    return values[:-1:2], values[1::2], values[2::2]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _HalfSteps:
+    """Numbers at the half steps of a block, ``(2 STEPS + 1, ...)``: loads ``(C,)``,
+    transmission errors and their rates ``(2G,)`` of the meshes that have a law, and
+    their stiffness over its mean, less 1, ``(G,)``; None where there are none.
+    """
+
+    loads: Array
+    shift: Array | None
+    variation: Array | None
+
+
+def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
+    """The :class:`_HalfSteps` of a block."""
+    angle = block.angles(SHARES) / marching.revolutions
+    acceleration = block.accelerations(SHARES)
+    coefficients = [marching.torques.harmonics, marching.variation]
+    if marching.errors is not None:
+        coefficients.append(marching.errors.coefficients)
+    highest = max(table.shape[-1] for table in coefficients if table is not None) - 1
+    turning = _turning(angle, highest)
+    loads = [
+        _torques(marching.torques, block, turning, acceleration),
+        acceleration[:, None],
+    ]
+    shift = None
+    variation = None
+    if marching.errors is not None:
+        errors = marching.errors
+        rate = block.speeds(SHARES) / marching.revolutions
+        error, error_rate = _errors(errors, turning, rate)
+        loads.append(error * errors.stiffness + error_rate * errors.viscous)
+        shift = jnp.concatenate(
+            [error[:, errors.places], error_rate[:, errors.places]], axis=1
+        )
+    if marching.variation is not None:
+        variation = _values(turning, marching.variation)
+    return _HalfSteps(jnp.concatenate(loads, axis=1), shift, variation)
+
+
+def _teeth(marching: Marching, state: Array, half_steps: _HalfSteps) -> Array:
+    """Deflections and rates ``(2G,)`` of the meshes at the begin of a block."""
+    teeth = marching.observation @ state
+    return teeth if half_steps.shift is None else teeth - half_steps.shift[0]
+
+
+@Program
+def first_instant(marching: Marching, state: Array, block: Blocks) -> Marched:
+    """The :class:`Marched` of one instant, the begin of a block."""
+    marching, block = jax.tree.map(jnp.asarray, (marching, block))
+    half_steps = _half_steps(marching, block)
+    teeth = _teeth(marching, state, half_steps)
+    return Marched(*(values[None, None] for values in (state, half_steps.loads[0], teeth)))
+
+
+def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marched]:
+    """The state after a block and its :class:`Marched`."""
+    half_steps = _half_steps(marching, block)
+    of_steps = jnp.concatenate(_at_steps(half_steps.loads), axis=1)
+    weights = jax.tree.map(lambda values: values[block.kind], marching.weights)
+    middle = of_steps @ weights.load_middle
+    end = of_steps @ weights.load_next
+    variation = None
+    if half_steps.shift is not None:
+        _, shift_middle, shift_end = _at_steps(half_steps.shift)
+        middle = middle - shift_middle
+        end = end - shift_end
+    if half_steps.variation is not None:
+        variation = jnp.stack(_at_steps(half_steps.variation), axis=1)
+    steps = _Steps(of_steps @ weights.load_state, middle, end, variation)
+
+    def step(
+        carry: tuple[Array, Array], numbers: _Steps
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        after = _step(marching, weights, carry[0], carry[1], numbers)
+        return after, after
+
+    (state, _), (states, teeth) = lax.scan(
+        step, (state, _teeth(marching, state, half_steps)), steps
+    )
+    return state, Marched(states, half_steps.loads[2::2], teeth)
+
+
+def _step(
+    marching: Marching, weights: StepWeights, state: Array, w: Array, numbers: _Steps
+) -> tuple[Array, Array]:
+    """State and w after a step: Krogstad's stages at its begin, twice in its middle
+    and at its end.
+    """
+    linear_end, linear_middle = jnp.split(weights.ahead @ state, 2)
+    linear_end = linear_end + numbers.end
+    linear_middle = linear_middle + numbers.middle
+    next_state = propagated(weights.propagator, state) + numbers.state
+    if not len(marching.viscous):
+        return next_state, linear_end
+
+    def force(moment: int, w: Array) -> Array:
+        law = marching.law
+        if numbers.variation is not None:
+            law = backlash.at_instant(law, numbers.variation[moment])
+        deflection, rate = jnp.split(w, 2)
+        return backlash.nonlinear_force(
+            law, marching.viscous, marching.contact_damping, deflection, rate
+        )
+
+    begin = force(0, w)
+    middle = force(1, linear_middle + weights.first @ begin)
+    middle_again = force(
+        1, linear_middle + weights.second @ jnp.concatenate([begin, middle])
+    )
+    last = force(
+        2, linear_end + weights.third @ jnp.concatenate([begin, middle_again])
+    )
+    change = weights.end @ jnp.concatenate([begin, middle + middle_again, last])
+    return next_state + change[: len(state)], linear_end + change[len(state) :]

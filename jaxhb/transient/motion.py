@@ -1,0 +1,277 @@
+"""Result of a transient: the motion of a train over time, read by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxhb._equal import by_value
+from jaxhb._jax import Array, namespace
+from jaxhb._shown import number
+from jaxhb.equations import backlash
+from jaxhb.equations.backlash import MeshParameters
+from jaxhb.results.motion import Motion
+from jaxhb.train.topology import Topology
+from jaxhb.transient.history import History
+
+@by_value
+@dataclass(frozen=True)
+class ToothContact:
+    """Contact of one mesh over a transient: seconds with the teeth separated and on
+    the flank that does not drive, entries from separation to contact, largest approach
+    speed of an entry in m/s, and the sign of the mean force.
+    """
+
+    separated: float
+    reverse_contact: float
+    impacts: int
+    hardest_impact: float
+    drive_side: int
+
+    @property
+    def troubles(self) -> tuple[str, ...]:
+        """Kinds of trouble: "separation", "hits" and "reversal"."""
+        kinds = {
+            "separation": self.separated > 0,
+            "hits": self.impacts > 0,
+            "reversal": self.reverse_contact > 0,
+        }
+        return tuple(kind for kind, happens in kinds.items() if happens)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Readings:
+    """Arrays that turn states into quantities; n states, C loads, G meshes that have a
+    law, R linear meshes.
+
+    displacement, velocity ``(S, n)`` of the disks, and what follows loads at once,
+    ``(S, C)`` each; radius ``(S,)`` m; ratio ``(S,)`` of the speeds of rotors; ends
+    ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
+    of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
+    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them.
+    """
+
+    displacement: Array
+    velocity: Array
+    displacement_of_loads: Array
+    velocity_of_loads: Array
+    radius: Array
+    ratio: Array
+    ends: Array
+    bend: Array
+    stiffness: Array
+    viscous: Array
+    meshes: MeshParameters
+    beside: Array | None
+
+
+@by_value
+@dataclass(frozen=True, repr=False)
+class Transient(Motion[History, ToothContact, float]):
+    """Motion of a train over time; made by :func:`jaxhb.transient`.
+
+    Readers by name as of other motions: :meth:`torque`, :meth:`force`,
+    :meth:`gear_torque`, :meth:`twist`, :meth:`disk`, :meth:`speed`, :meth:`deflection`
+    give a :class:`History`, :meth:`mesh` a :class:`ToothContact`.
+
+    Parameters
+    ----------
+    time, rpm, angle : ``(n,)`` s, speed of the reference rotor in rpm, rad that its
+    mean rotation has turned
+    notes : what to know about the numbers
+    """
+
+    topology: Topology = field(repr=False)
+    time: Array = field(repr=False)
+    rpm: Array = field(repr=False)
+    angle: Array = field(repr=False)
+    states: Array = field(repr=False)
+    loads: Array = field(repr=False)
+    teeth: Array = field(repr=False)
+    readings: Readings = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    solution = None
+
+    def __repr__(self) -> str:
+        speeds = np.asarray(self.rpm, dtype=float)
+        return (
+            f"<Transient of {self.topology.title}: {number(float(self.time[-1]))} s,"
+            f" {number(float(speeds.min()))} to {number(float(speeds.max()))} rpm>"
+        )
+
+    def passage(self, low: float, high: float) -> Array:
+        """Seconds during which the speed of the reference rotor is between ``low`` and
+        ``high`` rpm.
+        """
+        if not low < high:
+            raise ValueError(
+                f"passage({low:g}, {high:g}): the first speed must be the lower one"
+            )
+        xp = namespace(self.rpm)
+        before = xp.asarray(self.rpm)[:-1]
+        after = xp.asarray(self.rpm)[1:]
+        change = after - before
+        still = xp.abs(change) < 1e-12 * high
+        safe = xp.where(still, 1.0, change)
+        # Share of each step inside, the speed linear over it
+        shares = xp.sort(
+            xp.clip(xp.stack([low - before, high - before]) / safe, 0.0, 1.0), axis=0
+        )
+        inside = (before >= low) & (before <= high)
+        share = xp.where(still, xp.where(inside, 1.0, 0.0), shares[1] - shares[0])
+        return (share * np.diff(self.time)).sum()
+
+    def _history(self, values: Array, elastic: Array | None = None) -> History:
+        return History(self.time, values, self.rpm, self.angle, elastic)
+
+    def _displacements(self, rows: Array) -> tuple[Array, Array]:
+        """Values ``(n,)`` of a row ``(S,)`` of the displacements, and their rates."""
+        readings = self.readings
+        values = self.states @ (rows @ readings.displacement)
+        values = values + self.loads @ (rows @ readings.displacement_of_loads)
+        rates = self.states @ (rows @ readings.velocity)
+        rates = rates + self.loads @ (rows @ readings.velocity_of_loads)
+        return values, rates
+
+    def _law(self, place: int) -> tuple[MeshParameters, Array, Array]:
+        """Parameters, deflections and rates ``(n,)`` of a mesh that has a law."""
+        meshes = self.readings.meshes
+        one = jax.tree.map(lambda values: values[place], meshes)
+        if meshes.variation is not None:
+            turns = self.angle / self.topology.revolutions_per_cycle
+            harmonics = np.arange(one.variation.shape[-1])
+            xp = namespace(self.angle)
+            waves = xp.exp(1j * turns[:, None] * harmonics)
+            variation = 2 * (waves @ one.variation).real - one.variation[0].real
+            law = jax.tree.map(lambda values: values * xp.ones(len(turns)), one.law)
+            one = replace(one, law=backlash.at_instant(law, variation))
+        half = self.teeth.shape[1] // 2
+        return one, self.teeth[:, place], self.teeth[:, half + place]
+
+    def _mesh_force(self, place: int) -> tuple[Array, Array]:
+        """Transmitted and elastic force ``(n,)`` N of a mesh that has a law."""
+        one, deflection, rate = self._law(place)
+        elastic = backlash.force(one.law, deflection)
+        transmitted = backlash.mesh_force(
+            one.law, one.viscous, one.contact_damping, deflection, rate
+        )
+        return transmitted, elastic
+
+    def _link(self, link: int) -> tuple[Array, Array]:
+        """Transmitted and elastic force ``(n,)`` N of a link, that of its first end."""
+        readings = self.readings
+        places = self.topology.law_index
+        mesh = link - self._shafts
+        if mesh >= 0 and mesh in places:
+            return self._mesh_force(list(places).index(mesh))
+        bend, rate = self._deflection(link)
+        elastic = readings.stiffness[link] * bend
+        transmitted = elastic + readings.viscous[link] * rate
+        return transmitted, elastic
+
+    def _deflection(self, link: int) -> tuple[Array, Array]:
+        """Deflection and its rate ``(n,)`` m of a linear link."""
+        return self._displacements(self.readings.bend[link])
+
+    def _torque(self, link: int) -> tuple[Array, Array]:
+        """Transmitted and elastic torque ``(n,)`` N m of a shaft or damper."""
+        readings = self.readings
+        transmitted, elastic = (
+            readings.ends[link] * force for force in self._link(link)
+        )
+        if readings.beside is None:
+            return transmitted, elastic
+        for place in np.flatnonzero(np.asarray(readings.beside[link])):
+            one, deflection, _ = self._law(int(place))
+            both = self._mesh_force(int(place))
+            linear = one.law.linear_stiffness * deflection
+            arm = readings.beside[link, place]
+            transmitted = transmitted + arm * (both[0] - linear)
+            elastic = elastic + arm * (both[1] - linear)
+        return transmitted, elastic
+
+    def _gear_torque(self, disk: int) -> tuple[Array, Array]:
+        """Transmitted and elastic torque ``(n,)`` N m of a gear."""
+        transmitted: Array = np.zeros(len(self.time))
+        elastic = transmitted
+        for mesh, ends in enumerate(self.topology.mesh_ends):
+            if disk not in ends:
+                continue
+            force, part = self._link(self._shafts + mesh)
+            arm = self.readings.bend[self._shafts + mesh, disk]
+            arm = arm * self.readings.radius[disk]
+            transmitted = transmitted + arm * force
+            elastic = elastic + arm * part
+        return transmitted, elastic
+
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
+        readings = self.readings
+        if quantity == "contact":
+            return self._contact(index)
+        if quantity == "power":
+            return self._power(index)
+        if quantity in ("angle", "speed"):
+            row = np.eye(self.topology.n_disks)[index]
+            angle, rate = self._displacements(row / readings.radius[index])
+            if quantity == "angle":
+                return self._history(angle)
+            turning = readings.ratio[index] * self.rpm * (np.pi / 30)
+            return self._history(rate + turning)
+        if quantity == "twist":
+            row = np.eye(self.topology.n_disks)
+            a, b = index
+            row = row[a] / readings.radius[a] - row[b] / readings.radius[b]
+            return self._history(self._displacements(row)[0])
+        if quantity == "deflection":
+            places = list(self.topology.law_index)
+            if index in places:
+                deflection = self._law(places.index(index))[1]
+            else:
+                deflection = self._deflection(self._shafts + index)[0]
+            history = self._history(deflection)
+            return history if sense > 0 else history.reversed()
+        by_quantity = {
+            "torque": self._torque,
+            "force": lambda mesh: self._link(self._shafts + mesh),
+            "gear_torque": self._gear_torque,
+        }
+        if quantity not in by_quantity:
+            raise ValueError(f"a transient has no {quantity.replace('_', ' ')}s")
+        history = self._history(*by_quantity[quantity](index))
+        return history if sense > 0 else history.reversed()
+
+    def _power(self, link: int) -> float:
+        """Mean power in W that a shaft, damper or mesh turns into heat."""
+        transmitted, elastic = self._link(link)
+        places = list(self.topology.law_index)
+        mesh = link - self._shafts
+        if mesh in places:
+            rate = self._law(places.index(mesh))[2]
+        else:
+            rate = self._deflection(link)[1]
+        return self._history((transmitted - elastic) * rate).mean
+
+    def _contact(self, mesh: int) -> ToothContact:
+        """Contact of a mesh; one without backlash never parts."""
+        places = list(self.topology.law_index)
+        force = self._history(*self._link(self._shafts + mesh))
+        side = int(np.sign(float(force.mean)))
+        if mesh not in places or not self.topology.mesh_backlash[mesh]:
+            return ToothContact(0.0, 0.0, 0, 0.0, side)
+        one, deflection, rate = self._law(places.index(mesh))
+        distance = np.abs(deflection) - one.law.gap
+        steps = np.diff(self.time, prepend=self.time[0])
+        entry = np.flatnonzero((distance[:-1] < 0) & (distance[1:] >= 0))
+        reverse = (distance >= 0) & (np.sign(deflection) == -side)
+        return ToothContact(
+            separated=float(steps[distance < 0].sum()),
+            reverse_contact=float(steps[reverse].sum()),
+            impacts=len(entry),
+            hardest_impact=float(np.abs(rate[entry + 1]).max(initial=0.0)),
+            drive_side=side,
+        )

@@ -1,0 +1,226 @@
+"""Time of a transient: the speed of the mean rotation, and blocks of equal steps.
+
+Every block has :data:`STEPS` steps. Its speed is a cubic over its time, exact where the
+speed is given as a table; borders of blocks lie at all corners: of the speed, of the
+torques over it, of the events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxhb._jax import Array, namespace
+
+STEPS = 64  # of a block
+# Blocks of a second, at least, however slow the train turns
+SLOWEST = 4.0
+# Borders nearer than this share of a transient are one.
+SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class SpeedTable:
+    """Speed of the reference rotor, ``rpm`` ``(n,)`` linear between ``seconds``
+    ``(n,)``, and the last one after the end.
+    """
+
+    seconds: np.ndarray
+    rpm: np.ndarray
+
+    def speed(self, seconds: Array) -> Array:
+        """Speed in rpm."""
+        return np.interp(seconds, self.seconds, self.rpm)
+
+    def angle(self, seconds: Array) -> np.ndarray:
+        """Angle in rad that the reference rotor has turned since 0 s."""
+        omega = self.rpm * (np.pi / 30)
+        turned = np.cumsum(np.diff(self.seconds) * (omega[1:] + omega[:-1]) / 2)
+        at_rows = np.concatenate([[0.0], turned])
+        place = np.searchsorted(self.seconds, seconds, side="right") - 1
+        place = np.clip(place, 0, len(omega) - 1)
+        since = seconds - self.seconds[place]
+        now = np.interp(seconds, self.seconds, omega)
+        return at_rows[place] + since * (omega[place] + now) / 2
+
+    def times_of_speed(self, rpm: float) -> list[float]:
+        """Times in s at which the speed passes ``rpm``."""
+        return _crossings(self.seconds, self.rpm, rpm)
+
+    def time_of_angle(self, angle: float) -> float:
+        """Time in s at which the reference rotor has turned by ``angle`` rad; infinite
+        where it never does.
+        """
+        omega = self.rpm * (np.pi / 30)
+        at_rows = self.angle(self.seconds)
+        place = max(int(np.searchsorted(at_rows, angle, side="right")) - 1, 0)
+        left = angle - at_rows[place]
+        rate = 0.0
+        if place + 1 < len(omega):
+            duration = self.seconds[place + 1] - self.seconds[place]
+            rate = (omega[place + 1] - omega[place]) / duration
+        # omega t + rate t^2 / 2 = left, without the cancellation of a small rate
+        root = omega[place] + np.sqrt(max(omega[place] ** 2 + 2 * rate * left, 0.0))
+        if root <= 0:
+            return 0.0 if left <= 0 else np.inf
+        return float(self.seconds[place] + 2 * left / root)
+
+
+def _crossings(seconds: np.ndarray, values: np.ndarray, level: float) -> list[float]:
+    """Times at which a quantity that is linear between rows passes a level."""
+    before = values[:-1] - level
+    after = values[1:] - level
+    passing = np.flatnonzero(before * after < 0)
+    share = before[passing] / (before[passing] - after[passing])
+    return (seconds[passing] + share * np.diff(seconds)[passing]).tolist()
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of :data:`STEPS` steps each, ``(B,)``.
+
+    begin : s; step : s; kind : index of the length of the step among the ``lengths``
+    ``(K,)``; mode : index of the state of the cylinders; angle : rad turned by the
+    reference rotor at the begin; omega ``(B, 4)``: coefficients of its speed in rad/s
+    over the share of the block that has passed.
+    """
+
+    begin: Array
+    step: Array
+    kind: Array
+    mode: Array
+    angle: Array
+    omega: Array
+
+    @property
+    def duration(self) -> Array:
+        """Seconds of each block."""
+        return STEPS * self.step
+
+    def speeds(self, shares: np.ndarray) -> Array:
+        """Speed ``(..., n)`` rad/s at shares ``(n,)`` of the blocks."""
+        return self.omega @ _powers(shares)
+
+    def accelerations(self, shares: np.ndarray) -> Array:
+        """Angular acceleration ``(..., n)`` rad/s2 at shares ``(n,)`` of the blocks."""
+        slope = self.omega[..., 1:] * np.arange(1.0, 4.0)
+        return slope @ _powers(shares)[:3] / self.duration[..., None]
+
+    def angles(self, shares: np.ndarray) -> Array:
+        """Angle ``(..., n)`` rad at shares ``(n,)`` of the blocks."""
+        powers = _powers(shares) * shares
+        turned = (self.omega / np.arange(1.0, 5.0)) @ powers
+        return self.angle[..., None] + turned * self.duration[..., None]
+
+
+def _powers(shares: np.ndarray) -> np.ndarray:
+    """Powers 0 to 3 ``(4, n)`` of shares ``(n,)``."""
+    return np.asarray(shares) ** np.arange(4)[:, None]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Times of the blocks, on the host: begin ``(B,)`` s, kind ``(B,)``, and lengths
+    ``(K,)`` s of the steps.
+    """
+
+    begin: np.ndarray
+    kind: np.ndarray
+    lengths: np.ndarray
+
+    @property
+    def step(self) -> np.ndarray:
+        """Length of the steps of each block, s."""
+        return self.lengths[self.kind]
+
+    @property
+    def borders(self) -> np.ndarray:
+        """Begin of every block and the end of the last ``(B + 1,)`` s."""
+        return np.append(self.begin, self.begin[-1] + STEPS * self.step[-1])
+
+
+def grid(seconds: float, corners: Iterable[float], longest: float) -> Grid:
+    """The :class:`Grid` over ``seconds``, with borders at the ``corners`` and steps of
+    at most ``longest`` s.
+
+    Lengths of steps are rounded to one in a hundred, so that few differ.
+    """
+    inside = sorted(time for time in corners if 0 < time < seconds)
+    borders = [0.0]
+    for time in [*inside, seconds]:
+        if time - borders[-1] > SAME * seconds:
+            borders.append(time)
+    borders[-1] = seconds
+    longest = min(longest, 1 / SLOWEST / STEPS)
+    begin = []
+    step = []
+    for first, last in zip(borders[:-1], borders[1:], strict=True):
+        count = max(int(np.ceil((last - first) / (STEPS * longest) - 1e-9)), 1)
+        begin.append(first + (last - first) / count * np.arange(count))
+        step.append(np.full(count, (last - first) / count / STEPS))
+    lengths, kind = np.unique(np.concatenate(step), return_inverse=True)
+    return Grid(np.concatenate(begin), kind, lengths)
+
+
+def blocks_of_table(grid: Grid, table: SpeedTable, mode: np.ndarray) -> Blocks:
+    """The :class:`Blocks` of a given speed, whose rows are borders of blocks."""
+    omega = np.zeros((len(grid.begin), 4))
+    borders = grid.borders
+    speed = table.speed(borders) * (np.pi / 30)
+    omega[:, 0] = speed[:-1]
+    omega[:, 1] = np.diff(speed)
+    return Blocks(
+        begin=grid.begin,
+        step=grid.step,
+        kind=grid.kind,
+        mode=mode,
+        angle=table.angle(grid.begin),
+        omega=omega,
+    )
+
+
+def blocks_of_rates(
+    grid: Grid, omega: Array, rate: Array, mode: np.ndarray
+) -> Blocks:
+    """The :class:`Blocks` of speeds ``(B + 1,)`` rad/s and their rates ``(B + 1,)``
+    rad/s2 at the borders: a cubic in each.
+    """
+    xp = namespace(omega, rate)
+    duration = STEPS * grid.step
+    first = rate[:-1] * duration
+    last = rate[1:] * duration
+    change = omega[1:] - omega[:-1]
+    cubic = xp.stack(
+        [omega[:-1], first, 3 * change - 2 * first - last, first + last - 2 * change],
+        axis=1,
+    )
+    turned = (cubic / np.arange(1.0, 5.0)).sum(axis=1) * duration
+    angle = xp.concatenate([xp.zeros(1), xp.cumsum(turned)[:-1]])
+    return Blocks(
+        begin=grid.begin,
+        step=grid.step,
+        kind=grid.kind,
+        mode=mode,
+        angle=angle,
+        omega=cubic,
+    )
+
+
+def padded(blocks: Blocks, count: int) -> Blocks:
+    """Blocks with the last one repeated until there are ``count``."""
+    xp = namespace(blocks)
+
+    def longer(values: Array) -> Array:
+        more = count - len(values)
+        return xp.concatenate([values, xp.repeat(values[-1:], more, axis=0)])
+
+    return jax.tree.map(longer, blocks)
+
+
+def parts(count: int, size: int) -> Sequence[range]:
+    """Ranges of at most ``size`` that cover ``count``."""
+    return [range(first, min(first + size, count)) for first in range(0, count, size)]

@@ -1,0 +1,304 @@
+"""Weights of the steps of a transient: exponential integrals of the linear train over a
+step, for the forces of meshes and for loads.
+
+The train obeys, with its meshes in contact,
+
+    y' = A y + E phi(w) + F q(t),     w = (l, l') = L y - e(t),
+
+with phi the forces of the meshes less their linear part, as in
+:mod:`jaxhb.integration.step`, and loads q: torques of disks over their radius, the
+angular acceleration of the mean rotation, forces of transmission errors. A step takes q
+as the parabola through its values at the begin, in the middle and at the end, and phi by
+Krogstad's scheme, so that it is of fourth order in both, whatever the stiffness of A.
+
+The states stand in pairs, in a real basis in which A has 2 x 2 blocks alone: real and
+imaginary part of a mode that vibrates, two real modes, angle and speed of a rotation
+that nothing holds, whose block is that of uniform motion. Where numbers are traced, A is
+dense in the energy coordinates of :mod:`jaxhb.equations.state_space`: derivatives need
+no eigenvectors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+
+from jaxhb._jax import Array, Number, namespace
+from jaxhb.equations.state_space import (
+    CONDITION,
+    PARTING,
+    Partition,
+    StateSpace,
+    matrices,
+    propagated,
+)
+from jaxhb.equations.system import System
+from jaxhb.integration.step import exponential, krogstad
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ForcedSpace:
+    """First-order equations ``y' = A y + E phi + F q`` of n states, G meshes, C loads,
+    with ``w = L y`` and ``(x, x') = X y + Q q``.
+
+    transition A ``(n, n)``, of states in pairs the blocks ``(2, 2, n/2)``; forcing E
+    ``(n, G)``; load F ``(n, C)``; observation L ``(2G, n)``; motion X ``(2S, n)``;
+    through Q ``(2S, C)``, of disks without inertia and damping, which follow their loads
+    at once; coordinates ``(n, 2S)``, y of (x, x').
+    """
+
+    transition: Array
+    forcing: Array
+    load: Array
+    observation: Array
+    motion: Array
+    through: Array
+    coordinates: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class StepWeights:
+    """Weights of a step; n states, G meshes, C loads.
+
+    propagator : exp(A h) ``(n, n)`` or its blocks; ahead ``(4G, n)``: L exp(A h) above
+    L exp(A h/2); first, second, third, end : of the forces phi of the stages, as in
+    :class:`~jaxhb.integration.step.KrogstadWeights`; load_state ``(3C, n)``, load_next
+    and load_middle ``(3C, 2G)``: of the loads at begin, middle and end of the step in
+    the state after it, and in w after it and in its middle.
+    """
+
+    propagator: Array
+    ahead: Array
+    first: Array
+    second: Array
+    third: Array
+    end: Array
+    load_state: Array
+    load_next: Array
+    load_middle: Array
+
+
+@dataclass(frozen=True)
+class FreeRotation:
+    """Rotation that nothing holds and no damping to ground brakes: states ``(n,)`` of
+    angle and speed, and rows ``(n,)`` that read them.
+    """
+
+    angle: np.ndarray
+    speed: np.ndarray
+    angle_row: np.ndarray
+    speed_row: np.ndarray
+
+
+def load_rates(
+    system: System, parts: Partition, columns: Array
+) -> tuple[Array, Array]:
+    """Rates ``(n, C)`` of displacements and velocities of the dynamic disks under loads
+    with forces ``columns`` ``(S, C)`` N on the disks, and displacements ``(2S, C)`` of
+    disks without inertia and damping that follow them at once.
+    """
+    xp = namespace(system, columns)
+    B, K = matrices(system)
+    inertial = np.array(parts.inertial, dtype=int)
+    damped = np.array(parts.damped, dtype=int)
+    static = np.array(parts.static, dtype=int)
+    dynamic = np.concatenate([inertial, damped])
+    n = inertial.size
+    force = columns[dynamic]
+    through = xp.zeros((2 * len(system.mass), columns.shape[1]))
+    if static.size:
+        follows = xp.linalg.solve(K[np.ix_(static, static)], columns[static])
+        force = force - K[np.ix_(static, dynamic)].T @ follows
+        rows = np.zeros((2 * len(system.mass), static.size))
+        rows[static, np.arange(static.size)] = 1.0
+        through = rows @ follows
+    velocity = xp.zeros((damped.size, columns.shape[1]))
+    pull = force[:n]
+    if damped.size:
+        velocity = xp.linalg.solve(B[np.ix_(damped, damped)], force[n:])
+        pull = pull - B[np.ix_(inertial, damped)] @ velocity
+    acceleration = pull / system.mass[inertial][:, None]
+    at_rest = xp.zeros((n, columns.shape[1]))
+    return xp.concatenate([at_rest, velocity, acceleration]), through
+
+
+def forced_space(
+    system: System, parts: Partition, space: StateSpace, columns: Array
+) -> ForcedSpace:
+    """The :class:`ForcedSpace` of a StateSpace under loads with forces ``columns`` ``(S,
+    C)`` N on the disks, dense.
+    """
+    xp = namespace(system, space, columns)
+    disks = len(system.mass)
+    inertial = np.array(parts.inertial, int)
+    dynamic = np.concatenate([inertial, np.array(parts.damped, int)])
+    static = np.array(parts.static, int)
+    T = space.coordinates[:, np.concatenate([dynamic, disks + inertial])]
+    rates, through = load_rates(system, parts, columns)
+    inverse = xp.linalg.inv(T)
+    selected = np.zeros((disks, len(dynamic)))
+    selected[dynamic, np.arange(len(dynamic))] = 1.0
+    displacement = selected @ inverse[: len(dynamic)]
+    if static.size:
+        K = matrices(system)[1]
+        follows = xp.linalg.solve(
+            K[np.ix_(static, static)], K[np.ix_(static, dynamic)]
+        )
+        rows = np.zeros((disks, static.size))
+        rows[static, np.arange(static.size)] = 1.0
+        displacement = displacement - rows @ (follows @ inverse[: len(dynamic)])
+    velocity = displacement @ space.transition
+    # Loads move damped disks without inertia at once: their velocity follows from them.
+    through = xp.concatenate([through[:disks], displacement @ (T @ rates)])
+    return ForcedSpace(
+        transition=space.transition,
+        forcing=space.forcing,
+        load=T @ rates,
+        observation=space.observation,
+        motion=xp.concatenate([displacement, velocity]),
+        through=through,
+        coordinates=space.coordinates,
+    )
+
+
+def in_pairs(space: ForcedSpace, rotation: FreeRotation | None) -> ForcedSpace:
+    """The same equations, on the host, in a basis in which A has 2 x 2 blocks alone."""
+    A = np.asarray(space.transition)
+    free = np.zeros((len(A), 0))
+    parted = A
+    if rotation is not None:
+        # Angle and speed of a free rotation have no eigenvectors of their own. Both get
+        # a rate each, apart from all others, with which they are found again.
+        scale = np.abs(np.diag(A)).max() + np.abs(A).max()
+        nilpotent = np.outer(rotation.angle, rotation.speed_row)
+        parted = A - nilpotent
+        parted = parted - 2 * scale * np.outer(rotation.angle, rotation.angle_row)
+        parted = parted - 3 * scale * np.outer(rotation.speed, rotation.speed_row)
+        free = np.stack([rotation.angle, rotation.speed], axis=1)
+    rates, vectors = np.linalg.eig(parted)
+    if np.linalg.cond(vectors) > CONDITION:
+        shares = (1 + np.arange(len(A))) / len(A)
+        damping = PARTING * np.abs(np.diag(A)).max() * shares
+        rates, vectors = np.linalg.eig(parted - np.diag(damping))
+    if rotation is not None:
+        kept = np.argsort(-np.abs(rates.real))[2:]
+        rates = rates[kept]
+        vectors = vectors[:, kept]
+    turning = vectors[:, rates.imag > 0]
+    real = np.concatenate([free, vectors[:, rates.imag == 0].real], axis=1)
+    if real.shape[1] % 2:
+        real = np.concatenate([real, np.zeros((len(A), 1))], axis=1)
+    first = np.concatenate([turning.real, real[:, 0::2]], axis=1)
+    second = np.concatenate([turning.imag, real[:, 1::2]], axis=1)
+    basis = np.concatenate([first, second], axis=1)
+    # A column of zeros makes the number of states even; the state is 0 for ever.
+    inverse = np.linalg.pinv(basis) if basis.shape[1] > len(A) else np.linalg.inv(basis)
+    full = inverse @ A @ basis
+    half = len(full) // 2
+    quarters = full.reshape(2, half, 2, half)
+    return ForcedSpace(
+        transition=np.ascontiguousarray(np.diagonal(quarters, axis1=1, axis2=3)),
+        forcing=inverse @ space.forcing,
+        load=inverse @ space.load,
+        observation=space.observation @ basis,
+        motion=space.motion @ basis,
+        through=np.asarray(space.through),
+        coordinates=inverse @ space.coordinates,
+    )
+
+
+@dataclass(frozen=True)
+class _Integrals:
+    """exp(A h), and h phi_k(A h) times the columns of forces and loads, k = 1, 2, 3."""
+
+    propagator: Array
+    columns: tuple[Array, Array, Array]
+
+
+def _integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
+    """The :class:`_Integrals` over ``h`` seconds, of a dense A or of blocks."""
+    if transition.ndim == 2:
+        return _dense_integrals(transition, columns, h)
+    pairs = np.moveaxis(np.asarray(transition), 2, 0)
+    m = len(pairs)
+    # Van Loan's augmented matrix, pair by pair
+    matrix = np.zeros((m, 8, 8))
+    matrix[:, :2, :2] = pairs
+    matrix[:, :2, 2:4] = np.eye(2)
+    matrix[:, 2:6, 4:8] = np.eye(4) / h
+    whole = scipy.linalg.expm(matrix * h)
+    blocks = [np.moveaxis(whole[:, :2, k : k + 2], 0, 2) for k in (0, 2, 4, 6)]
+    weighted = [propagated(block, columns) for block in blocks[1:]]
+    return _Integrals(blocks[0], (weighted[0], weighted[1], weighted[2]))
+
+
+def _dense_integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
+    """:func:`_integrals` of a dense A, which may be traced."""
+    n, count = columns.shape
+    matrix = jnp.zeros((n + 3 * count, n + 3 * count))
+    matrix = matrix.at[:n, :n].set(transition).at[:n, n : n + count].set(columns)
+    matrix = matrix.at[n : n + 2 * count, n + count :].set(jnp.eye(2 * count) / h)
+    whole = exponential(matrix * h)
+    first, second, third = jnp.split(whole[:n, n:], 3, axis=1)
+    return _Integrals(whole[:n, :n], (first, second, third))
+
+
+def step_weights(space: ForcedSpace, h: Number) -> StepWeights:
+    """The :class:`StepWeights` of steps of ``h`` seconds."""
+    xp = namespace(space.transition, h)
+    L = space.observation
+    meshes = space.forcing.shape[1]
+    columns = xp.concatenate([space.forcing, space.load], axis=1)
+    half = _integrals(space.transition, columns, h / 2)
+    full = _integrals(space.transition, columns, h)
+    # Krogstad's second integral over half a step counts the whole step.
+    integrals = (half.columns[0], 2 * half.columns[1], *full.columns)
+    first, second, third, end = krogstad(*(part[:, :meshes] for part in integrals))
+    half_1, half_2, half_3 = (integral[:, meshes:] for integral in half.columns)
+    full_1, full_2, full_3 = (integral[:, meshes:] for integral in full.columns)
+    # The parabola through begin, middle and end, integrated over the step and over its
+    # first half.
+    in_state = (
+        full_1 - 3 * full_2 + 4 * full_3,
+        4 * full_2 - 8 * full_3,
+        4 * full_3 - full_2,
+    )
+    in_middle = (
+        half_1 - 1.5 * half_2 + half_3,
+        2 * half_2 - 2 * half_3,
+        half_3 - 0.5 * half_2,
+    )
+    end_state = xp.concatenate(end, axis=1)
+    load_state = xp.concatenate(in_state, axis=1)
+    rows = [propagated_rows(L, integral.propagator) for integral in (full, half)]
+    return StepWeights(
+        propagator=full.propagator,
+        ahead=xp.concatenate(rows),
+        first=L @ first[0],
+        second=L @ xp.concatenate(second, axis=1),
+        third=L @ xp.concatenate(third, axis=1),
+        end=xp.concatenate([end_state, L @ end_state]),
+        load_state=load_state.T,
+        load_next=(L @ load_state).T,
+        load_middle=(L @ xp.concatenate(in_middle, axis=1)).T,
+    )
+
+
+def propagated_rows(rows: Array, propagator: Array) -> Array:
+    """Rows ``(r, n)`` times a propagator, dense or blocks ``(2, 2, n/2)``."""
+    if propagator.ndim == 2:
+        return rows @ propagator
+    first, second = np.split(rows, 2, axis=1)
+    return np.concatenate(
+        [
+            first * propagator[0, k] + second * propagator[1, k]
+            for k in (0, 1)
+        ],
+        axis=1,
+    )
