@@ -429,7 +429,8 @@ def _march(
     xp = namespace(marching, state)
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
-    kept = [first_instant(marching, state, first_block)]
+    begin = first_instant(marching, state, first_block)
+    kept = [jax.tree.map(np.asarray, begin) if xp is np else begin]
     for first in range(0, count, CHUNK):
         part = jax.tree.map(lambda values: values[first : first + CHUNK], blocks)  # noqa: B023
         size = len(part.begin)
@@ -443,12 +444,13 @@ def _march(
         kept.append(marched)
         if progress is not None:
             progress(min(first + CHUNK, count) / count)
-    return jax.tree.map(
-        lambda *rows: xp.concatenate(
-            [values.reshape(-1, values.shape[-1]) for values in rows]
-        ),
-        *kept,
-    )
+
+    def joined(*rows: Array) -> Array:
+        """Rows ``(n, ...)`` of all steps of all blocks."""
+        flat = (row.reshape(len(row) * row.shape[1], row.shape[2]) for row in rows)
+        return xp.concatenate(list(flat))
+
+    return jax.tree.map(joined, *kept)
 
 
 def _result(
