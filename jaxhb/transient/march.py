@@ -53,7 +53,8 @@ class Marching:
     weights : by the lengths of the steps, ``(K, ...)``; observation ``(2G, n)``; law,
     viscous, contact_damping : of G meshes; variation ``(G, H+1)``: coefficients of
     their stiffness over the cycle, over its mean, less 1, or None; errors : or None;
-    torques : of the excitation; revolutions : of the reference rotor in a cycle.
+    torques : of the excitation; revolutions : of the reference rotor in a cycle;
+    keeps_loads : whether loads are part of the result, as disks follow them at once.
     """
 
     weights: StepWeights
@@ -65,13 +66,14 @@ class Marching:
     errors: Errors | None
     torques: TorqueTable
     revolutions: float = field(metadata={"static": True})
+    keeps_loads: bool = field(metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marched:
     """Steps of blocks ``(B, STEPS, ...)``, each at its end: states ``(n,)``, loads
-    ``(C,)``, deflections and rates ``(2G,)`` of the meshes.
+    ``(C,)`` or none, deflections and rates ``(2G,)`` of the meshes.
     """
 
     state: Array
@@ -89,7 +91,8 @@ def march(marching: Marching, state: Array, blocks: Blocks) -> tuple[Array, Marc
     def block(state: Array, one_block: Blocks) -> tuple[Array, Marched]:
         return _block(marching, state, one_block)
 
-    return lax.scan(block, state, blocks)
+    # Backwards a block is marched again, so that its steps are not kept.
+    return lax.scan(jax.checkpoint(block), state, blocks)
 
 
 def _turning(angle: Array, harmonics: int) -> Array:
@@ -216,7 +219,13 @@ def first_instant(marching: Marching, state: Array, block: Blocks) -> Marched:
     marching, block = jax.tree.map(jnp.asarray, (marching, block))
     half_steps = _half_steps(marching, block)
     teeth = _teeth(marching, state, half_steps)
-    return Marched(*(values[None, None] for values in (state, half_steps.loads[0], teeth)))
+    loads = _kept_loads(marching, half_steps.loads[0])
+    return Marched(state[None, None], loads[None, None], teeth[None, None])
+
+
+def _kept_loads(marching: Marching, loads: Array) -> Array:
+    """Loads ``(..., C)`` where they are part of the result, else ``(..., 0)``."""
+    return loads if marching.keeps_loads else loads[..., :0]
 
 
 def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marched]:
@@ -244,7 +253,8 @@ def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marc
     (state, _), (states, teeth) = lax.scan(
         step, (state, _teeth(marching, state, half_steps)), steps
     )
-    return state, Marched(states, half_steps.loads[2::2], teeth)
+    loads = _kept_loads(marching, half_steps.loads[2::2])
+    return state, Marched(states, loads, teeth)
 
 
 def _step(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
@@ -284,6 +285,11 @@ class _TransientEquations:
         return cls(train, values, system, space, highest, notes)
 
     @property
+    def follows_loads(self) -> bool:
+        """Whether disks without inertia follow their loads at once."""
+        return bool(np.any(self.values.disks.inertia == 0))
+
+    @property
     def coordinates(self) -> Array:
         """Rows ``(n, 2S)`` of the states."""
         return self.space.coordinates
@@ -317,16 +323,20 @@ class _TransientEquations:
             errors=errors,
             torques=torques.torque_table([train], ranges, harmonics),
             revolutions=float(topology.revolutions_per_cycle),
+            keeps_loads=self.follows_loads,
         )
         system = self.system
         disks = topology.n_disks
         at_hand = Equations(self.values)
         rotor = np.array(topology.rotor, dtype=int)
+        through = self.space.through
+        if not self.follows_loads:
+            through = through[:, :0]
         readings = Readings(
             displacement=self.space.motion[:disks],
             velocity=self.space.motion[disks:],
-            displacement_of_loads=self.space.through[:disks],
-            velocity_of_loads=self.space.through[disks:],
+            displacement_of_loads=through[:disks],
+            velocity_of_loads=through[disks:],
             radius=system.radius,
             ratio=speed_ratios(train)[rotor],
             ends=system.radius[system.tree.end_a],
@@ -426,31 +436,71 @@ def _march(
     progress: Callable[[float], object] | None,
 ) -> Marched:
     """March through all blocks, chunk by chunk."""
-    xp = namespace(marching, state)
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
-    begin = first_instant(marching, state, first_block)
-    kept = [jax.tree.map(np.asarray, begin) if xp is np else begin]
+    instants = _Instants(first_instant(marching, state, first_block), recording, count)
+    # Derivatives backwards keep the state at the begin of every part alone.
+    marched_part = jax.checkpoint(march) if traced(marching, state) else march
     for first in range(0, count, CHUNK):
         part = jax.tree.map(lambda values: values[first : first + CHUNK], blocks)  # noqa: B023
-        size = len(part.begin)
-        state, marched = march(marching, state, padded(part, CHUNK))
-        marched = jax.tree.map(
-            lambda values: values[:size][:, recording.places],  # noqa: B023
-            marched,
-        )
-        if xp is np:
-            marched = jax.tree.map(np.asarray, marched)
-        kept.append(marched)
+        state, marched = marched_part(marching, state, padded(part, CHUNK))
+        instants.add(marched, len(part.begin))
         if progress is not None:
             progress(min(first + CHUNK, count) / count)
+    return instants.marched
 
-    def joined(*rows: Array) -> Array:
-        """Rows ``(n, ...)`` of all steps of all blocks."""
-        flat = (row.reshape(len(row) * row.shape[1], row.shape[2]) for row in rows)
-        return xp.concatenate(list(flat))
 
-    return jax.tree.map(joined, *kept)
+class _Instants:
+    """Instants that are kept, one after another: the rows of ``count`` blocks after the
+    first one.
+    """
+
+    def __init__(self, begin: Marched, recording: _Recording, count: int):
+        self._recording = recording
+        self._traced = traced(begin)
+        self._parts = [begin]
+        self._filled = 1
+        if not self._traced:
+            rows = 1 + count * len(recording.places)
+            self._arrays = jax.tree.map(
+                lambda values: np.empty((rows, values.shape[-1])), begin
+            )
+            self._fill(jax.tree.map(np.asarray, begin), 0)
+
+    def _fill(self, marched: Marched, at: int) -> None:
+        """Write rows ``(blocks, steps, ...)`` from the row ``at`` on."""
+        for array, values in zip(
+            jax.tree.leaves(self._arrays), jax.tree.leaves(marched), strict=True
+        ):
+            rows = values.shape[0] * values.shape[1]
+            array[at : at + rows] = values.reshape(rows, values.shape[2])
+
+    def add(self, marched: Marched, size: int) -> None:
+        """Keep the steps of the first ``size`` of some blocks."""
+        places = self._recording.places
+        if self._traced:
+            self._parts.append(
+                jax.tree.map(lambda values: values[:size, places], marched)
+            )
+            return
+        on_host = jax.tree.map(
+            lambda values: np.asarray(values)[:size][:, places], marched
+        )
+        self._fill(on_host, self._filled)
+        self._filled += size * len(places)
+
+    @property
+    def marched(self) -> Marched:
+        """Rows ``(n, ...)`` of all instants."""
+        if not self._traced:
+            return self._arrays
+
+        def joined(*parts: Array) -> Array:
+            flat = [part.reshape(-1, part.shape[2]) for part in parts if part.size]
+            shape = (self._filled, parts[0].shape[2])
+            return jnp.concatenate(flat) if flat else jnp.zeros(shape)
+
+        return jax.tree.map(joined, *self._parts)
 
 
 def _result(

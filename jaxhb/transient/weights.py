@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.equations.state_space import (
@@ -232,10 +231,27 @@ def _integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
     matrix[:, :2, :2] = pairs
     matrix[:, :2, 2:4] = np.eye(2)
     matrix[:, 2:6, 4:8] = np.eye(4) / h
-    whole = scipy.linalg.expm(matrix * h)
+    whole = _exponentials(matrix * h)
     blocks = [np.moveaxis(whole[:, :2, k : k + 2], 0, 2) for k in (0, 2, 4, 6)]
     weighted = [propagated(block, columns) for block in blocks[1:]]
     return _Integrals(blocks[0], (weighted[0], weighted[1], weighted[2]))
+
+
+def _exponentials(matrices: np.ndarray) -> np.ndarray:
+    """Exponentials ``(m, n, n)`` of small matrices of the host, by their Taylor series
+    of degree 16 with squaring.
+    """
+    norms = np.abs(matrices).sum(axis=1).max(axis=1)
+    squarings = np.ceil(np.log2(np.maximum(2 * norms, 1.0))).astype(int)
+    identity = np.eye(matrices.shape[-1])
+    small = matrices * 0.5 ** squarings[:, None, None]
+    power = np.broadcast_to(identity, matrices.shape)
+    for k in range(16):
+        power = identity + small @ power / (16 - k)
+    for k in range(squarings.max(initial=0)):
+        left = squarings > k
+        power[left] = power[left] @ power[left]
+    return power
 
 
 def _dense_integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
