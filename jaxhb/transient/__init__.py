@@ -1,6 +1,11 @@
 """Transients: motion of a train in time while its speed changes or events disturb it.
 
-Files, from the verb down: ``transient`` (the verb), ``motion`` (the result), ``timeline``
-(speed over time, blocks of steps), ``torques`` (torques of a block), ``march`` (steps of
-a block), ``weights`` (modes in pairs and the weights of a step).
+From the verb down: ``transient`` (the verb), ``motion`` and ``history`` (the result and
+its signals), ``timeline`` (speed over time, blocks of steps), ``torques`` (torques over
+the speed), ``march`` (steps of a block), ``weights`` (modes in pairs, weights of a
+step); ``events`` and ``loads`` (their torques).
 """
+
+from jaxhb._jax import load
+
+load()

@@ -284,8 +284,6 @@ def _step(
     middle_again = force(
         1, linear_middle + weights.second @ jnp.concatenate([begin, middle])
     )
-    last = force(
-        2, linear_end + weights.third @ jnp.concatenate([begin, middle_again])
-    )
+    last = force(2, linear_end + weights.third @ jnp.concatenate([begin, middle_again]))
     change = weights.end @ jnp.concatenate([begin, middle + middle_again, last])
     return next_state + change[: len(state)], linear_end + change[len(state) :]

@@ -17,6 +17,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
 from jaxhb.transient.history import History
 
+
 @by_value
 @dataclass(frozen=True)
 class ToothContact:

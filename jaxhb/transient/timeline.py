@@ -183,9 +183,7 @@ def blocks_of_table(grid: Grid, table: SpeedTable, mode: np.ndarray) -> Blocks:
     )
 
 
-def blocks_of_rates(
-    grid: Grid, omega: Array, rate: Array, mode: np.ndarray
-) -> Blocks:
+def blocks_of_rates(grid: Grid, omega: Array, rate: Array, mode: np.ndarray) -> Blocks:
     """The :class:`Blocks` of speeds ``(B + 1,)`` rad/s and their rates ``(B + 1,)``
     rad/s2 at the borders: a cubic in each.
     """

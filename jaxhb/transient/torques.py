@@ -109,11 +109,7 @@ def panels(train: TrainArrays, lowest: float, highest: float) -> np.ndarray:
 
 def kinks_between(train: TrainArrays, lowest: float, highest: float) -> list[float]:
     """Speeds in rpm between two at which torques over the speed have a kink."""
-    return [
-        float(rpm)
-        for rpm in excitation.speeds(train)
-        if lowest < rpm < highest
-    ]
+    return [float(rpm) for rpm in excitation.speeds(train) if lowest < rpm < highest]
 
 
 def torque_table(

@@ -51,8 +51,8 @@ from jaxhb.transient.weights import (
     step_weights,
 )
 
-# Steps per period of the highest harmonic of the excitation at the highest speed, and of
-# the highest mode that teeth notice.
+# Steps per period of the highest harmonic of the excitation at the highest speed, and
+# of the highest mode that teeth notice.
 STEPS_PER_WAVE = 32
 STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
@@ -160,7 +160,9 @@ def speed_table(seconds: float, speed: Speed) -> SpeedTable:
     else:
         rows = np.array(speed, dtype=float)
     if rows.ndim != 2 or rows.shape[1] != 2:
-        raise SceneError("transient: speed must be rows of (s, rpm), as [(0, 60), ...].")
+        raise SceneError(
+            "transient: speed must be rows of (s, rpm), as [(0, 60), (9, 120)]."
+        )
     for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
         if not after > before:
             raise SceneError(
@@ -364,7 +366,7 @@ class _TransientEquations:
             if not start.known:
                 raise SceneError(
                     f"transient: the steady motion at {first:g} rpm is unknown:"
-                    f" {' '.join(start.notes)}: start from \"rest\"."
+                    f' {" ".join(start.notes)}: start from "rest".'
                 )
         if isinstance(start, str):
             if start != "rest":

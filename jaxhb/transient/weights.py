@@ -95,9 +95,7 @@ class FreeRotation:
     speed_row: np.ndarray
 
 
-def load_rates(
-    system: System, parts: Partition, columns: Array
-) -> tuple[Array, Array]:
+def load_rates(system: System, parts: Partition, columns: Array) -> tuple[Array, Array]:
     """Rates ``(n, C)`` of displacements and velocities of the dynamic disks under loads
     with forces ``columns`` ``(S, C)`` N on the disks, and displacements ``(2S, C)`` of
     disks without inertia and damping that follow them at once.
@@ -146,9 +144,7 @@ def forced_space(
     displacement = selected @ inverse[: len(dynamic)]
     if static.size:
         K = matrices(system)[1]
-        follows = xp.linalg.solve(
-            K[np.ix_(static, static)], K[np.ix_(static, dynamic)]
-        )
+        follows = xp.linalg.solve(K[np.ix_(static, static)], K[np.ix_(static, dynamic)])
         rows = np.zeros((disks, static.size))
         rows[static, np.arange(static.size)] = 1.0
         displacement = displacement - rows @ (follows @ inverse[: len(dynamic)])
@@ -312,9 +308,6 @@ def propagated_rows(rows: Array, propagator: Array) -> Array:
         return rows @ propagator
     first, second = np.split(rows, 2, axis=1)
     return np.concatenate(
-        [
-            first * propagator[0, k] + second * propagator[1, k]
-            for k in (0, 1)
-        ],
+        [first * propagator[0, k] + second * propagator[1, k] for k in (0, 1)],
         axis=1,
     )
