@@ -1,0 +1,3 @@
+"""Transients: a train, its events and a time go in, motions that do not repeat come
+out.
+"""
