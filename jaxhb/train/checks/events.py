@@ -123,7 +123,9 @@ def _sequence_errors(
         return [*texts, "events must be a list of names of events. Name one at least."]
     for event in events:
         if not (isinstance(event, str) and event in index_of):
-            texts.append(f"there is no event {shown(event)}.{near(event)}")
+            # Where not all could be read it may be among the others.
+            if parts.complete or not isinstance(event, str):
+                texts.append(f"there is no event {shown(event)}.{near(event)}")
         elif events.count(event) > 1:
             texts.append(f"it names {shown(event)} twice. Name each event once.")
         elif begin and parts.tables["event"][index_of[event]].begin_deg is not None:
