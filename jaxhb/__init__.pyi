@@ -40,6 +40,12 @@ from .elements.elements import (
     Shaft as Shaft,
 )
 from .elements.engine import Engine as Engine
+from .elements.events import (
+    Clutch as Clutch,
+    Event as Event,
+    Ice as Ice,
+    Pulse as Pulse,
+)
 from .elements.excitations.crank_slider import (
     Combustion as Combustion,
     Cylinder as Cylinder,

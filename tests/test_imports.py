@@ -29,6 +29,7 @@ ROOMS = [
     "certificate",
     "solutions",
     "steady",
+    "transient",
     "branches",
     "design",
     "studies",

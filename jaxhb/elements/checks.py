@@ -20,7 +20,6 @@ from jaxhb.elements.declared import HARMONICS, fields_of, table_of
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.excitations.crank_slider import Combustion
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
 from jaxhb.elements.value_checks import TOGETHER
 from jaxhb.elements.values import field_errors, is_list, joined, row_errors
@@ -94,8 +93,8 @@ def _scenario_errors(
         ]
     outer, _, inner = name.rpartition(".")
     # A name may hold dots: an element called so goes before a table inside an element.
-    if name not in places and inner == "combustion" and outer in places:
-        return _combustion_errors(parts, places[outer], outer, field, value)
+    if name not in places and inner in INNER and outer in places:
+        return _inner_errors(parts, places[outer], name, field, value)
     if name not in places:
         return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
     (table, index) = places[name]
@@ -119,20 +118,22 @@ def _scenario_errors(
     )
 
 
-def _combustion_errors(
-    parts: Parts, place: tuple[str, int], name: str, field: str, value: Any
+def _inner_errors(
+    parts: Parts, place: tuple[str, int], key: str, field: str, value: Any
 ) -> list[str]:
-    """Sentences on a number of the combustion of a cylinder in a scenario."""
+    """Sentences on a number of a table inside an element, ``key`` = "NAME.combustion",
+    in a scenario.
+    """
     table, index = place
-    combustion = getattr(parts.tables[table][index], "combustion", None)
-    if not isinstance(combustion, Combustion):
-        return [f"{name!r} has no combustion. Build the scene with one."]
+    name, _, inner = key.rpartition(".")
+    if not isinstance(getattr(parts.tables[table][index], inner, None), INNER[inner]):
+        return [f"{name!r} has no {inner}. Build the scene with one."]
     return _number_errors(
-        Combustion,
+        INNER[inner],
         ("number",),
-        (f"{name}.combustion.{field}", field, value),
-        f"the combustion of {name!r}",
-        f"{name!r}, combustion",
+        (f"{key}.{field}", field, value),
+        f"the {inner} of {name!r}",
+        f"{name!r}, {inner}",
     )
 
 
@@ -160,6 +161,13 @@ def _number_errors(
 
 
 LINKS = ("shaft", "mesh")
+INNER = {
+    field.name: field.metadata["of"]
+    for cls in TABLES.values()
+    for field in dataclasses.fields(cls)
+    if field.metadata["kind"] == "table"
+}
+"""Classes of the tables inside elements by their keys."""
 ORDER_ROWS = {"harmonics", *(kind.order_rows for kind in EXCITATIONS.values())}
 """Keys of loads and of excitations that a scenario may change row by row."""
 
@@ -259,6 +267,7 @@ class Parts:
                 "disk",
                 "damper",
                 "phase",
+                "event",
             ):
                 continue
             if table in LINKS:
@@ -430,12 +439,10 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
     for table, index, element in parts.rows():
         where = parts.where(table, index)
-        names = getattr(element, "between", (getattr(element, "disk", None),))
-        ends = (
-            [end for end in names if isinstance(end, str)]
-            if isinstance(names, tuple | list)
-            else []
-        )
+        pair = getattr(element, "between", None)
+        names = [getattr(element, "disk", None)]
+        names += pair if isinstance(pair, tuple | list) else []
+        ends = [end for end in names if isinstance(end, str)]
         unknown = (
             [end for end in ends if end not in parts.disk_of] if disks_read else []
         )

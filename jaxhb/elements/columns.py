@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import HARMONICS, TWISTS
+from jaxhb.elements.declared import HARMONICS, OVER_RPM, TWISTS
 
 
 def column(elements: Sequence[Any], name: str, absent: float = 0.0) -> np.ndarray:
@@ -66,7 +66,7 @@ def collected(
             columns[field.name] = None
         elif headers[field.name] == HARMONICS:
             columns[field.name] = stacked(values)
-        elif headers[field.name] == TWISTS:
+        elif headers[field.name] in (TWISTS, OVER_RPM):
             columns[field.name] = padded(values, (0.0, 0.0))
         elif field.name.startswith("over_"):
             rows = padded(values, (0.0, 1.0, 1.0), 2)

@@ -104,6 +104,7 @@ OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
 OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 HARMONICS = ("order", "Re", "Im")
 PRESSURE = ("angle", "pressure")
+OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
 """Columns of rows."""
 
@@ -156,7 +157,7 @@ def facts_of(
         elif declared.name != "name":
             if declared.metadata["kind"] == "rows" and value is not None:
                 value = tuple(map(tuple, value))
-            elif declared.metadata["kind"] == "pair":
+            elif declared.metadata["kind"] == "pair" and value is not None:
                 value = ", ".join(value)
             facts[name] = (value, declared)
     return facts

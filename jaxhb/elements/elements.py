@@ -14,6 +14,7 @@ from jaxhb.elements.declared import (
     HARMONICS,
     OVER_AMPLITUDE,
     OVER_HZ,
+    OVER_RPM,
     TWISTS,
     choice,
     cross_size,
@@ -24,6 +25,7 @@ from jaxhb.elements.declared import (
     rows,
     table_name,
 )
+from jaxhb.elements.events import Event
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.rules import RULES
 
@@ -219,6 +221,10 @@ class Ground:
     name: str | None = declared("name", None)
 
 
+LOAD_LAWS = ("constant", "propeller", "generator")
+"""Laws of a load over the speed."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Load:
     """``[[load]]``: the driven machine, whose torque balances the mean power of all
@@ -228,11 +234,22 @@ class Load:
     loads. ``harmonics`` make the torque pulsate, as the blades of a propeller and the
     pistons of a pump do: rows of (order of its own rotor, Re, Im), so that it is its
     mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+
+    Transients with a free speed read the law of its torque over the speed n of the
+    reference rotor: with ``law`` and ``rated_torque`` T at ``rated_rpm`` N it takes T
+    ("constant"), T (n / N)^2 ("propeller") or T n / N ("generator": a resistive load at
+    constant excitation); with ``over_rpm``, rows of (rpm, N m), what lies between these
+    linearly, constant outside. Torques are those on its own shaft, without sign: it
+    brakes.
     """
 
     disk: str = declared("disk")
     share: float = positive("", 1.0, "Leave out the load that takes no share.")
     harmonics: tuple = rows(HARMONICS)
+    law: str = choice("", *LOAD_LAWS)
+    rated_torque: float | None = positive("N m", None)
+    rated_rpm: float | None = positive("rpm", None)
+    over_rpm: tuple = rows(OVER_RPM)
     name: str | None = declared("name", None)
 
 
@@ -272,5 +289,6 @@ TABLES: dict[str, Any] = {
         *(Disk, Shaft, Mesh, Damper, Ground, Load),
         *(kind.element for kind in EXCITATIONS.values()),
         Phase,
+        Event,
     )
 }

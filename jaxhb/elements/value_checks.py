@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import fields_of
-from jaxhb.elements.elements import OF_PERIOD, Damper, Mesh, Shaft
+from jaxhb.elements.declared import OVER_RPM, fields_of
+from jaxhb.elements.elements import LOAD_LAWS, OF_PERIOD, Damper, Load, Mesh, Shaft
+from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.rules import RULES
 from jaxhb.elements.sentences import shown
@@ -359,10 +360,38 @@ def _section_errors(shaft: Shaft) -> list[str]:
     return texts
 
 
+def load_errors(load: Load) -> list[str]:
+    """Check that a load has one law over the speed, with all that it needs."""
+    rated = {"rated_torque in N m": load.rated_torque, "rated_rpm": load.rated_rpm}
+    present = [key.split()[0] for key, value in rated.items() if value is not None]
+    lacking = [key for key, value in rated.items() if value is None]
+    if load.law and is_present(load.over_rpm):
+        return ["law and over_rpm are both given. Keep one of them."]
+    if load.law == "constant":
+        lacking = lacking[: load.rated_torque is None]
+    if load.law in LOAD_LAWS and lacking:
+        return [f"law {shown(load.law)} needs {joined(lacking)}. Give it."]
+    if not load.law and present:
+        return [
+            f"{joined(present)} without law says nothing. Give law, or leave it out."
+        ]
+    if row_errors("over_rpm", OVER_RPM, load.over_rpm):
+        return []
+    least = min((row[1] for row in load.over_rpm), default=0.0)
+    if least < 0.0:
+        return [
+            f"over_rpm: the least torque is {least:g} N m, must be at least 0 N m. A"
+            " load brakes; give its torque without sign."
+        ]
+    return []
+
+
 TOGETHER: dict[str, tuple[Callable[[Any], list[str]], str]] = {
     "shaft": (shaft_errors, "stiffness"),
     "mesh": (mesh_errors, "law"),
     "damper": (damper_errors, "stiffness"),
+    "load": (load_errors, "law"),
+    "event": (event_errors, "begin"),
     **{name: (kind.errors, kind.doubtful) for name, kind in EXCITATIONS.items()},
 }
 """Checks of several fields of an element together, and the field that each puts in

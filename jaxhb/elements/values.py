@@ -91,6 +91,11 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, str]] = {
         "the names of two disks",
         "the names of two disks",
     ),
+    "cylinder": (
+        lambda value: isinstance(value, str) and value,
+        "a text",
+        "the name of a cylinder",
+    ),
     "flag": (lambda value: isinstance(value, bool), "true or false", "a value"),
     "list": (lambda value: is_list(value), "a list", "a list"),
 }
@@ -130,6 +135,8 @@ def _value_errors(field: dataclasses.Field, value: Any) -> list[str]:
         return value_errors(field, value)
     if kind == "rows":
         return row_errors(field.name, field.metadata["columns"], value)
+    if kind == "numbers":
+        return numbers_errors(field.name, field.metadata["columns"], value)
     if kind == "choice":
         words = [word for word in field.metadata["words"] if word]
         if value in field.metadata["words"]:
@@ -188,6 +195,15 @@ def value_errors(field: dataclasses.Field, value: Any) -> list[str]:
     return [f"{field.name} is {actual}, must be {expected}.{remedy}"]
 
 
+def numbers_errors(name: str, columns: Sequence[str], value: Any) -> list[str]:
+    """Check a list of numbers that is no table."""
+    if not row_errors(name, columns, [value]):
+        return []
+    header = ", ".join(columns)
+    text = f"{name} is {shown(value)}, must be {len(columns)} numbers [{header}]"
+    return [f"{text}, at most {LARGEST:g} in size."]
+
+
 def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
     """Check a table of numbers: its columns, finiteness, and the growth of its first
     column.
@@ -211,6 +227,8 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
                 f" most {LARGEST:g} in size."
             ]
     first = [float(row[0]) for row in rows]
+    if columns[0] == "torque":  # terms of a sum, in any order
+        return []
     if columns[0] == "order":
         not_positive = [i for i, order in enumerate(first) if order <= 0.0]
         repeated = [

@@ -34,7 +34,13 @@ _UNREADABLE = {
         "lists or tables are nested too deeply to be read. Write them flat."
     ),
 }
-BESIDE = "scene", "scenario", "tune", "tolerance"  # tables that are no elements
+BESIDE = (
+    "scene",
+    "scenario",
+    "sequence",
+    "tune",
+    "tolerance",
+)  # tables that are no elements
 MOST_ELEMENTS = 100_000
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
@@ -93,6 +99,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
         scenarios=content.get("scenario"),
+        sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
         source=path.name,
         findings=errors,

@@ -88,6 +88,7 @@ def elements_text(
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
+    sequences: dict[str, dict[str, Any]] | None = None,
 ) -> str:
     """Write TOML that loads to the train of :func:`jaxhb.build` with the same
     arguments.
@@ -110,6 +111,8 @@ def elements_text(
     }
     for element in elements:
         content.setdefault(table_of(element), []).append(_fields_set(element))
+    if sequences:
+        content["sequence"] = sequences
     if tune:
         content["tune"] = tune
     if tolerance:

@@ -13,12 +13,14 @@ from typing import Any
 
 from jaxhb.elements import checks, derived, meshing
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, Damper, Head, Mesh, Shaft
+from jaxhb.elements.event_tables import EventSeat, seat_of
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import field_errors, rounded, sound_orders
 from jaxhb.excitation.orders import harmonics_of
 from jaxhb.train import connections, contact_law, tables
 from jaxhb.train.checks import consistency
+from jaxhb.train.checks.events import event_errors, read_sequences, shaft_of
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
@@ -33,6 +35,7 @@ def build(
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, Any]] | None = None,
+    sequences: dict[str, dict[str, Any]] | None = None,
     source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
@@ -54,9 +57,10 @@ def build(
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over
         it.
-    tune, tolerance, scenarios : dict, optional
+    tune, tolerance, scenarios, sequences : dict, optional
         The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for
-        :meth:`DriveTrain.scenario`.
+        :meth:`DriveTrain.scenario`; ``{name: {"events": names, "begin": s}}`` of events
+        that begin together, all later by ``begin``, 0 unless given.
 
     Examples
     --------
@@ -78,6 +82,7 @@ def build(
         tune=tune,
         tolerance=tolerance,
         scenarios=scenarios,
+        sequences=sequences,
         source=source,
     )
 
@@ -92,6 +97,7 @@ def checked(
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
     scenarios: Any,
+    sequences: Any = None,
     source: str,
     notes: tuple[str, ...] = (),
     findings: Iterable[str] = (),
@@ -143,9 +149,12 @@ def checked(
     errors += consistency.hold_errors(parts, main_disk)
     errors += consistency.balance_errors(parts, ratio) if not locked else []
     errors += consistency.phase_errors(parts, ratio)
+    errors += event_errors(parts)
     errors += checks.rated_errors(parts, rated_rpm)
     scenarios, scenario_errors = checks.read_scenarios(parts, scenarios)
     errors += scenario_errors
+    sequences, sequence_errors = read_sequences(parts, sequences)
+    errors += sequence_errors
     if errors:
         # Each once: cylinders of one engine share sentences.
         raise SceneError(dict.fromkeys(errors))
@@ -160,6 +169,7 @@ def checked(
     # As text: a topology is hashed, and dictionaries are not.
     settings = {
         "scenarios": scenarios,
+        "sequences": sequences,
         "tune": tune or {},
         "tolerance": tolerance or {},
     }
@@ -329,7 +339,7 @@ def _topology(
     fields: dict[str, Any] = {
         f"{table}_names": tuple(names)
         for table, names in parts.names.items()
-        if table not in ("disk", *EXCITATIONS)
+        if table not in ("disk", "event", *EXCITATIONS)
     }
     fields |= {f"{table}_disk": seats[table] for table in seated}
     fields |= settings
@@ -376,6 +386,12 @@ def _topology(
             [load.harmonics for load in elements["load"]],
             [ratio[disk] * cycle for disk in seats["load"]],
         ),
+        load_law=tuple(
+            load.law or ("over_rpm" if load.over_rpm else "")
+            for load in elements["load"]
+        ),
+        load_points=tuple(len(load.over_rpm) for load in elements["load"]),
+        events=tuple(_event_seats(parts)),
         excitations=tuple(
             kind.seats(
                 elements[table],
@@ -406,6 +422,14 @@ def _topology(
         ),
         **fields,
     )
+
+
+def _event_seats(parts: checks.Parts) -> Iterator[EventSeat]:
+    """Fixed parts of the events of a sound scene."""
+    for event in parts.tables["event"]:
+        pair = event.between
+        shaft = "" if pair is None else parts.names["shaft"][shaft_of(parts, pair)]
+        yield seat_of(event, parts.disk(event.disk), shaft)
 
 
 def _springs(link: int, element: Shaft | Damper) -> Iterator[tuple[int, str, int]]:

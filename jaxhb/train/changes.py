@@ -15,6 +15,8 @@ from jaxhb._jax import Array, load, traced
 from jaxhb.elements import derived
 from jaxhb.elements.declared import LARGEST
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES, Mesh
+from jaxhb.elements.event_tables import row_of, without_effect
+from jaxhb.elements.events import rows_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.elements.values import number_like, value_errors
@@ -243,6 +245,10 @@ def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
         return row[: len(getattr(train.topology, f"mesh_{field}")[index])]
     if (table, field) == ("load", "harmonics"):
         return row[: len(train.topology.load_harmonics[index])]
+    if (table, field) == ("load", "over_rpm"):
+        return row[: train.topology.load_points[index]]
+    if table == "event":
+        return row_of(train.topology.events[index], field, row)
     if table not in EXCITATIONS:
         return row
     kind = EXCITATIONS[table]
@@ -371,8 +377,9 @@ def within_range(train: TrainArrays) -> Array:
     ]
     tables += [
         (declared.metadata["of"], getattr(numbers, declared.name))
-        for kind, numbers, _ in train.excited()
-        for declared in dataclasses.fields(kind.element)
+        for cls, numbers in list(tables)
+        if numbers is not None
+        for declared in dataclasses.fields(cls)
         if declared.metadata["kind"] == "table"
     ]
     for cls, numbers in tables:
@@ -422,6 +429,9 @@ def _value_errors(
     if no_effect and (traced(row) or not np.all(np.asarray(row) == number)):
         return [f"{where}: {no_effect}"]
     declared = declared_field(table, field)
+    if table == "event" and shape and declared is not None:
+        texts = rows_errors(declared.name, number.tolist())
+        return [f"{where}: {text}" for text in texts]
     if declared is None or shape or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
@@ -438,6 +448,13 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
         seats = topology.seats_of(table)
         numbers = train.table(table)
         return EXCITATIONS[table].without_effect(numbers, seats, field, index)
+    if table == "event":
+        return without_effect(topology.events[index], field)
+    if table == "load" and field in ("rated_torque", "rated_rpm", "over_rpm"):
+        law = topology.load_law[index]
+        if law and (field == "over_rpm") == (law == "over_rpm"):
+            return ""
+        return f"it has no effect on this load. Build the scene with {field}."
     if table not in derived.LINKS:
         return ""
     if (

@@ -182,6 +182,13 @@ class DriveTrain(TrainArrays):
         """
         return json.loads(self.topology.scenarios)
 
+    @property
+    def sequences(self) -> dict[str, dict[str, Any]]:
+        """Names of the ``events`` of every ``[sequence.NAME]`` of the scene, and by how
+        many seconds all of them begin later (``begin``).
+        """
+        return json.loads(self.topology.sequences)
+
     def scenario(self, name: str) -> DriveTrain:
         """Return the train of its ``[scenario.NAME]``.
 

@@ -6,6 +6,7 @@ any more; and the gas torques of cylinders that do not fire.
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from jaxhb.train import connections
 from jaxhb.train.tables import with_table
 
 if TYPE_CHECKING:
+    from jaxhb.elements.event_tables import EventSeat
     from jaxhb.train.tables import Train, TrainArrays
     from jaxhb.train.topology import Topology
 
@@ -48,11 +50,16 @@ def without(train: Train, names: Sequence[str]) -> Train:
     for table, rows in keep.items():
         numbers = train.table(table)
         if numbers is not None:
-            changed = with_table(changed, table, _rows(numbers, rows))
+            left = None if table in _MAY_LACK and not rows else _rows(numbers, rows)
+            changed = with_table(changed, table, left)
     errors = connections.train_errors(changed)
     if errors:
         raise SceneError(errors)
     return changed
+
+
+# Tables of a train that are None where it has no such element
+_MAY_LACK = ("phase", "event")
 
 
 def _remaining(
@@ -113,6 +120,18 @@ def _remaining(
         for index, stays in enumerate(phase_stays)
         if stays and ("phase", index) not in out
     ]
+    changeable = {
+        topology.names_of(table)[index]
+        for table in ("cylinder", "shaft")
+        for index in keep[table]
+    }
+    keep["event"] = [
+        index
+        for index, event in enumerate(topology.events)
+        if ("event", index) not in out
+        and (event.disk < 0 or event.disk in remaining_disks)
+        and (not event.of or event.of in changeable)
+    ]
     return keep, disks
 
 
@@ -172,6 +191,11 @@ def _topology(
     fields["excitations"] = tuple(
         topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
     )
+    fields["events"] = tuple(
+        dataclasses.replace(event, disk=place.get(event.disk, -1))
+        for event in (topology.events[index] for index in keep["event"])
+    )
+    fields["sequences"] = _sequences(topology, fields["events"])
     varying = {
         name: getattr(topology, name)
         for name in ("hz_links", "amplitude_links", "order_links")
@@ -216,6 +240,16 @@ def _topology(
             else ()
         ),
     )
+
+
+def _sequences(topology: Topology, events: Sequence[EventSeat]) -> str:
+    """The sequences of a topology with the remaining events, of those with any."""
+    names = {event.name for event in events}
+    sequences = {
+        name: sequence | {"events": [e for e in sequence["events"] if e in names]}
+        for name, sequence in json.loads(topology.sequences).items()
+    }
+    return json.dumps({name: row for name, row in sequences.items() if row["events"]})
 
 
 COMPRESSING = "no injection, compression stays"

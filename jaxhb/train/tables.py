@@ -21,6 +21,7 @@ from jaxhb.elements.elements import (
     Phase,
     Shaft,
 )
+from jaxhb.elements.event_tables import Events, numbers_of
 from jaxhb.elements.excitations import EXCITATIONS, Excitation
 from jaxhb.elements.excitations.torque import Torques
 from jaxhb.excitation.tables import Cylinders, table
@@ -117,11 +118,16 @@ class Loads:
     [n_loads].
 
     ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no
-    load pulsates.
+    load pulsates. ``rated_torque`` (N m) and ``rated_rpm`` [n_loads] of its law over
+    the speed, 0 where absent, ``over_rpm`` [n_loads, K, 2]: rpm, N m; None where no
+    load has them.
     """
 
     share: Array
     harmonics: Array | None = None
+    rated_torque: Array | None = None
+    rated_rpm: Array | None = None
+    over_rpm: Array | None = None
 
 
 @table
@@ -148,6 +154,7 @@ class TrainArrays:
     loads: Loads
     excitations: dict[str, Any]
     phases: Phases | None = None
+    events: Events | None = None
 
     @property
     def torques(self) -> Torques:
@@ -160,7 +167,9 @@ class TrainArrays:
         return self.excitations["cylinder"]
 
     def table(self, name: str) -> Any:
-        """Numbers of the elements of a ``[[table]]``; None of absent phases."""
+        """Numbers of the elements of a ``[[table]]``; None of absent phases and
+        events.
+        """
         if name in EXCITATIONS:
             return self.excitations[name]
         return getattr(self, ATTRIBUTES[name])
@@ -210,6 +219,7 @@ def of_elements(elements: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
         "phases": collected(Phases, Phase, elements["phase"])
         if elements["phase"]
         else None,
+        "events": numbers_of(elements["event"]),
         "excitations": {
             table: kind.numbers(elements[table]) for table, kind in EXCITATIONS.items()
         },

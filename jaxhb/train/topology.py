@@ -17,6 +17,7 @@ import numpy as np
 
 from jaxhb._jax import Number
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES
+from jaxhb.elements.event_tables import EventSeat
 from jaxhb.elements.excitations import EXCITATIONS, Seats
 from jaxhb.elements.excitations.cylinder import CylinderSeats
 from jaxhb.elements.sentences import SceneError, shown, suggestion
@@ -36,9 +37,11 @@ class Topology:
     ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary over
     the frequency, over their amplitude and with the speed. ``springs`` are what acts
     beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
-    "friction", row). ``shaft_rules`` name the limits of each shaft. ``phase_members``
-    are the elements of each kind of excitation that each phase turns, ``phase_turn``
-    the harmonics of the cycle per order of their rotor. ``link_keys`` names for each
+    "friction", row). ``load_law`` names the law of each load over the speed, "over_rpm"
+    with ``load_points`` rows, "" without one. ``events`` are those of transients.
+    ``shaft_rules`` name the limits of each shaft. ``phase_members`` are the elements of
+    each kind of excitation that each phase turns, ``phase_turn`` the harmonics of the
+    cycle per order of their rotor. ``link_keys`` names for each
     link which of the keys that may be absent it has; empty where no link has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
@@ -75,6 +78,8 @@ class Topology:
     load_disk: tuple[int, ...]
     excitations: tuple[Seats, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
+    load_law: tuple[str, ...] = ()
+    load_points: tuple[int, ...] = ()
     shaft_rules: tuple[str, ...] = ()
     phase_names: tuple[str, ...] = ()
     phase_members: tuple[tuple[tuple[int, ...], ...], ...] = ()
@@ -86,7 +91,9 @@ class Topology:
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
     reference_disk: int = 0
+    events: tuple[EventSeat, ...] = ()
     scenarios: str = "{}"
+    sequences: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
     notes: tuple[str, ...] = ()
@@ -117,6 +124,8 @@ class Topology:
         """Names of the elements of a table."""
         if table == "disk":
             return self.disk_names[: self.n_scene_disks]
+        if table == "event":
+            return tuple(event.name for event in self.events)
         names: tuple[str, ...] = (
             self.seats_of(table).names
             if table in EXCITATIONS
