@@ -20,8 +20,15 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import propagated
+from jaxhb.transient.disturbance import Disturbance
 from jaxhb.transient.timeline import STEPS, Blocks
-from jaxhb.transient.torques import TorqueTable, parabola
+from jaxhb.transient.torques import (
+    TorqueTable,
+    fuelled,
+    panel_of,
+    parabola,
+    powers_in_panel,
+)
 from jaxhb.transient.weights import StepWeights
 
 # Half steps of a block as shares of its time. The first and the last lie inside: events
@@ -53,7 +60,8 @@ class Marching:
     weights : by the lengths of the steps, ``(K, ...)``; observation ``(2G, n)``; law,
     viscous, contact_damping : of G meshes; variation ``(G, H+1)``: coefficients of
     their stiffness over the cycle, over its mean, less 1, or None; errors : or None;
-    torques : of the excitation; revolutions : of the reference rotor in a cycle;
+    torques : of the excitation;
+    disturbance : events; revolutions : of the reference rotor in a cycle;
     keeps_loads : whether loads are part of the result, as disks follow them at once.
     """
 
@@ -65,6 +73,7 @@ class Marching:
     variation: Array | None
     errors: Errors | None
     torques: TorqueTable
+    disturbance: Disturbance | None
     revolutions: float = field(metadata={"static": True})
     keeps_loads: bool = field(metadata={"static": True})
 
@@ -114,21 +123,28 @@ def _values(turning: Array, coefficients: Array) -> Array:
 
 
 def _torques(
-    table: TorqueTable, block: Blocks, turning: Array, acceleration: Array
+    marching: Marching, block: Blocks, turning: Array, acceleration: Array
 ) -> Array:
     """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
+    table = marching.torques
     omega = block.speeds(ENDS)
-    panel = jnp.searchsorted(table.omega[:, 0], omega[1], side="right") - 1
-    panel = jnp.clip(panel, 0, len(table.omega) - 1)
-    begin, end = table.omega[panel]
-    share = (omega - begin) / (end - begin)
-    nodes = table.harmonics[block.mode, panel]
-    over_speed = jnp.stack(parabola(nodes[0], nodes[1], nodes[2]))
-    powers = share[:, None] ** np.arange(3)
-    at_times = jnp.einsum("tk,kdn->tdn", powers + 0j, over_speed)
+    panel = panel_of(table, omega[1])
+
+    def nodes(harmonics: Array) -> Array:
+        return jnp.stack(parabola(*harmonics[block.mode, panel]))
+
+    powers = powers_in_panel(table, panel, omega) + 0j
+
+    def at_times(harmonics: Array) -> Array:
+        return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
+
+    factor: Array = jnp.ones(len(ENDS))
+    if marching.disturbance is not None:
+        factor = marching.disturbance.fuel(block.begin + ENDS * block.duration)
+    harmonics = fuelled(table, at_times, factor[:, None, None])
     at_ends = acceleration[np.array([0, STEPS, -1]), None, None]
-    at_times = at_times + at_ends * table.accelerating
-    over_time = parabola(at_times[0], at_times[1], at_times[2])
+    harmonics = harmonics + at_ends * table.accelerating
+    over_time = parabola(harmonics[0], harmonics[1], harmonics[2])
     values = _values(turning, jnp.concatenate(over_time))
     constant, linear, square = jnp.split(values, 3, axis=1)
     shares = SHARES[:, None]
@@ -189,9 +205,12 @@ def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
     highest = max(table.shape[-1] for table in coefficients if table is not None) - 1
     turning = _turning(angle, highest)
     loads = [
-        _torques(marching.torques, block, turning, acceleration),
+        _torques(marching, block, turning, acceleration),
         acceleration[:, None],
     ]
+    if marching.disturbance is not None:
+        seconds = block.begin + SHARES * block.duration
+        loads.append(marching.disturbance.torque(seconds, block.angles(SHARES)))
     shift = None
     variation = None
     if marching.errors is not None:

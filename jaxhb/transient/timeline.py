@@ -143,11 +143,14 @@ class Grid:
         return np.append(self.begin, self.begin[-1] + STEPS * self.step[-1])
 
 
-def grid(seconds: float, corners: Iterable[float], longest: float) -> Grid:
+def grid(
+    seconds: float,
+    corners: Iterable[float],
+    longest: float,
+    slowest: float = SLOWEST,
+) -> Grid:
     """The :class:`Grid` over ``seconds``, with borders at the ``corners`` and steps of
-    at most ``longest`` s.
-
-    Lengths of steps are rounded to one in a hundred, so that few differ.
+    at most ``longest`` s, and ``slowest`` blocks in a second or more.
     """
     inside = sorted(time for time in corners if 0 < time < seconds)
     borders = [0.0]
@@ -155,7 +158,8 @@ def grid(seconds: float, corners: Iterable[float], longest: float) -> Grid:
         if time - borders[-1] > SAME * seconds:
             borders.append(time)
     borders[-1] = seconds
-    longest = min(longest, 1 / SLOWEST / STEPS)
+    if slowest:
+        longest = min(longest, 1 / slowest / STEPS)
     begin = []
     step = []
     for first, last in zip(borders[:-1], borders[1:], strict=True):
@@ -183,14 +187,16 @@ def blocks_of_table(grid: Grid, table: SpeedTable, mode: np.ndarray) -> Blocks:
     )
 
 
-def blocks_of_rates(grid: Grid, omega: Array, rate: Array, mode: np.ndarray) -> Blocks:
-    """The :class:`Blocks` of speeds ``(B + 1,)`` rad/s and their rates ``(B + 1,)``
-    rad/s2 at the borders: a cubic in each.
+def blocks_of_rates(
+    grid: Grid, omega: Array, first: Array, last: Array, mode: np.ndarray
+) -> Blocks:
+    """The :class:`Blocks` of speeds ``(B + 1,)`` rad/s at the borders and their rates
+    ``(B,)`` rad/s2 at begin and end of the blocks: a cubic in each.
     """
-    xp = namespace(omega, rate)
+    xp = namespace(omega, first, last)
     duration = STEPS * grid.step
-    first = rate[:-1] * duration
-    last = rate[1:] * duration
+    first = first * duration
+    last = last * duration
     change = omega[1:] - omega[:-1]
     cubic = xp.stack(
         [omega[:-1], first, 3 * change - 2 * first - last, first + last - 2 * change],

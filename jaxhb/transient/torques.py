@@ -16,6 +16,7 @@ at free speed they follow their laws.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -30,6 +31,7 @@ from jaxhb.train.chain import rigid_shape
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import displacement_radii, inertias, speed_ratios
 from jaxhb.train.tables import TrainArrays
+from jaxhb.transient.loads import load_torques
 
 # Panels over the range of speeds, at least: the parabolas of a panel are exact for
 # torques linear in the speed and for inertia torques.
@@ -45,13 +47,15 @@ class TorqueTable:
     through its begin, its middle and its end.
 
     omega ``(P, 2)`` rad/s: begin and end of the panels; harmonics ``(M, P, 3, D, N+1)``
-    N m of M states of the cylinders; accelerating ``(D, N+1)`` N m s2: what loads add
+    N m of M states of the cylinders; idle : the same without gas torques and torques
+    that drive, None where no event changes the fuel; accelerating ``(D, N+1)`` N m s2: what loads add
     per angular acceleration of the reference rotor.
     """
 
     omega: Array
     harmonics: Array
     accelerating: Array
+    idle: Array | None = None
 
 
 def excited_disks(train: TrainArrays) -> np.ndarray:
@@ -109,36 +113,42 @@ def panels(train: TrainArrays, lowest: float, highest: float) -> np.ndarray:
 
 def kinks_between(train: TrainArrays, lowest: float, highest: float) -> list[float]:
     """Speeds in rpm between two at which torques over the speed have a kink."""
-    return [float(rpm) for rpm in excitation.speeds(train) if lowest < rpm < highest]
+    speeds = excitation.speeds(train)
+    if train.loads.over_rpm is not None:
+        speeds = np.union1d(speeds, np.asarray(train.loads.over_rpm)[..., 0])
+    return [float(rpm) for rpm in speeds if lowest < rpm < highest]
 
 
 def torque_table(
-    trains: list[DriveTrain],
+    trains: Sequence[DriveTrain],
+    idle_trains: Sequence[DriveTrain],
     ranges: np.ndarray,
     harmonics: int,
-    of_loads: Array | None = None,
+    *,
+    free: bool,
 ) -> TorqueTable:
     """The :class:`TorqueTable` of trains, one for each state of the cylinders, over
     panels ``(P, 2)`` rpm.
 
-    of_loads ``(P, 3, n_loads)`` N m: mean torques of the loads at begin, middle and end
-    of the panels; None: those that balance the power.
+    idle_trains : the same trains without fuel, none where no event changes it; free :
+    whether loads follow their laws over the speed, or balance the power.
     """
     train = trains[0]
     xp = namespace(train)
     disks = excited_disks(train)
     rpm = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
     patterns = load_patterns(train, harmonics)[:, disks]
-    states = []
-    for other in trains:
+
+    def over_panels(other: DriveTrain) -> Array:
         torque, balancing, _ = excitation.excitation(other, rpm.ravel(), harmonics)
         torque = torque[:, disks].reshape(*rpm.shape, len(disks), harmonics + 1)
-        if of_loads is not None:
-            change = of_loads - balancing.reshape(*rpm.shape, -1)
+        if free:
+            change = load_torques(train, rpm) - balancing.reshape(*rpm.shape, -1)
             torque = torque + xp.einsum("pkl,ldn->pkdn", change + 0j, patterns)
-        states.append(torque)
+        return torque
+
     accelerating = xp.zeros((len(disks), harmonics + 1), dtype=complex)
-    if of_loads is None and train.topology.load_disk:
+    if not free and train.topology.load_disk:
         share = xp.asarray(train.loads.share)
         rotor = np.array(train.topology.rotor, dtype=int)
         ratio = speed_ratios(train)[rotor][np.array(train.topology.load_disk)]
@@ -146,9 +156,52 @@ def torque_table(
         accelerating = xp.einsum("l,ldn->dn", taken + 0j, patterns)
     return TorqueTable(
         omega=ranges * (np.pi / 30),
-        harmonics=xp.stack(states),
+        harmonics=xp.stack([over_panels(other) for other in trains]),
         accelerating=accelerating,
+        idle=xp.stack([over_panels(other) for other in idle_trains])
+        if idle_trains
+        else None,
     )
+
+
+def panel_of(table: TorqueTable, omega: Array) -> Array:
+    """Number of the panel of a speed in rad/s, the nearest of one outside."""
+    xp = namespace(table, omega)
+    panel = xp.searchsorted(table.omega[:, 0], omega, side="right") - 1
+    return xp.clip(panel, 0, len(table.omega) - 1)
+
+
+def powers_in_panel(table: TorqueTable, panel: Array, omega: Array) -> Array:
+    """Powers 0 to 2 ``(..., 3)`` of the share of a panel at speeds in rad/s."""
+    begin = table.omega[panel, 0]
+    end = table.omega[panel, 1]
+    share = (omega - begin) / (end - begin)
+    return share[..., None] ** np.arange(3)
+
+
+def fuelled(
+    table: TorqueTable, nodes: Callable[[Array], Array], factor: Array
+) -> Array:
+    """Harmonics that ``nodes`` takes from a table, with a factor of gas torques and
+    torques that drive.
+    """
+    full = nodes(table.harmonics)
+    if table.idle is None:
+        return full
+    idle = nodes(table.idle)
+    return idle + factor * (full - idle)
+
+
+def means(table: TorqueTable, mode: Array, omega: Array, factor: Number) -> Array:
+    """Mean torques ``(D,)`` N m at a speed in rad/s."""
+    panel = panel_of(table, omega)
+
+    def nodes(harmonics: Array) -> Array:
+        return harmonics[mode, panel, :, :, 0].real
+
+    begin, middle, end = fuelled(table, nodes, namespace(table).asarray(factor))
+    over_speed = namespace(table).stack(parabola(begin, middle, end))
+    return powers_in_panel(table, panel, omega) @ over_speed
 
 
 def load_columns(
