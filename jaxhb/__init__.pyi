@@ -146,3 +146,10 @@ from .train.kinematics import (
 __version__: str
 
 _environment_before: dict[str, str]
+from .transients.history import (
+    Envelope as Envelope,
+    History as History,
+    OrderMap as OrderMap,
+)
+from .transients.motion import ToothContact as ToothContact, Transient as Transient
+from .transients.transient import transient as transient

@@ -29,7 +29,7 @@ ROOMS = [
     "certificate",
     "solutions",
     "steady",
-    "transient",
+    "transients",
     "branches",
     "design",
     "studies",

@@ -20,8 +20,8 @@ from jax import lax
 
 from jaxhb._jax import Array, Number
 from jaxhb._program import Program
-from jaxhb.transient.disturbance import Disturbance
-from jaxhb.transient.torques import TorqueTable, means
+from jaxhb.transients.disturbance import Disturbance
+from jaxhb.transients.torques import TorqueTable, means
 
 
 @jax.tree_util.register_dataclass

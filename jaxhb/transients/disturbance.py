@@ -8,7 +8,7 @@ import jax
 
 from jaxhb._jax import Array
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.transient.events import event_torques, fuel_factor
+from jaxhb.transients.events import event_torques, fuel_factor
 
 
 @jax.tree_util.register_dataclass

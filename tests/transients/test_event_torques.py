@@ -7,7 +7,7 @@ from jax.flatten_util import ravel_pytree
 
 import jaxhb
 from jaxhb import Cylinder, Disk, Event, Ground, Ice, Load, Mesh, Pulse, Shaft
-from jaxhb.transient.events import (
+from jaxhb.transients.events import (
     clutch_capacity,
     corners,
     event_torques,
@@ -15,7 +15,7 @@ from jaxhb.transient.events import (
     torque_disks,
     torque_events,
 )
-from jaxhb.transient.loads import load_torques
+from jaxhb.transients.loads import load_torques
 
 RATIO = 0.25  # of the propeller, whose gear has four times the radius
 TIMES = np.linspace(-0.5, 4.0, 1801)

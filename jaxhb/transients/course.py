@@ -16,8 +16,8 @@ from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.tables import with_table
 from jaxhb.train.topology import Topology
-from jaxhb.transient.events import Placed, chosen_events, corners
-from jaxhb.transient.timeline import SpeedTable
+from jaxhb.transients.events import Placed, chosen_events, corners
+from jaxhb.transients.timeline import SpeedTable
 
 UNSUPPORTED = ("clutch",)
 JUMPING = ("step", "table", "pulse", "decaying")

@@ -14,7 +14,7 @@ from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.tables import TrainArrays
 from jaxhb.train.topology import Topology
-from jaxhb.transient.polylines import polyline_at
+from jaxhb.transients.polylines import polyline_at
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,16 @@ The train obeys, with its meshes in contact,
 
 with phi the forces of the meshes less their linear part, as in
 :mod:`jaxhb.integration.step`, and loads q: torques of disks over their radius, the
-angular acceleration of the mean rotation, forces of transmission errors. A step takes q
-as the parabola through its values at the begin, in the middle and at the end, and phi by
-Krogstad's scheme, so that it is of fourth order in both, whatever the stiffness of A.
+angular acceleration of the mean rotation, forces of transmission errors. A step takes
+q as the parabola through its values at the begin, in the middle and at the end, and phi
+by Krogstad's scheme, so that it is of fourth order in both, whatever the stiffness of
+A.
 
 The states stand in pairs, in a real basis in which A has 2 x 2 blocks alone: real and
 imaginary part of a mode that vibrates, two real modes, angle and speed of a rotation
-that nothing holds, whose block is that of uniform motion. Where numbers are traced, A is
-dense in the energy coordinates of :mod:`jaxhb.equations.state_space`: derivatives need
-no eigenvectors.
+that nothing holds, whose block is that of uniform motion. Where numbers are traced, A
+is dense in the energy coordinates of :mod:`jaxhb.equations.state_space`: derivatives
+need no eigenvectors.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class ForcedSpace:
 
     transition A ``(n, n)``, of states in pairs the blocks ``(2, 2, n/2)``; forcing E
     ``(n, G)``; load F ``(n, C)``; observation L ``(2G, n)``; motion X ``(2S, n)``;
-    through Q ``(2S, C)``, of disks without inertia and damping, which follow their loads
-    at once; coordinates ``(n, 2S)``, y of (x, x').
+    through Q ``(2S, C)``, of disks without inertia and damping, which follow their
+    loads at once; coordinates ``(n, 2S)``, y of (x, x').
     """
 
     transition: Array
@@ -128,8 +129,8 @@ def load_rates(system: System, parts: Partition, columns: Array) -> tuple[Array,
 def forced_space(
     system: System, parts: Partition, space: StateSpace, columns: Array
 ) -> ForcedSpace:
-    """The :class:`ForcedSpace` of a StateSpace under loads with forces ``columns`` ``(S,
-    C)`` N on the disks, dense.
+    """The :class:`ForcedSpace` of a StateSpace under loads with forces ``columns``
+    ``(S, C)`` N on the disks, dense.
     """
     xp = namespace(system, space, columns)
     disks = len(system.mass)

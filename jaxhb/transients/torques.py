@@ -31,7 +31,7 @@ from jaxhb.train.chain import rigid_shape
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import displacement_radii, inertias, speed_ratios
 from jaxhb.train.tables import TrainArrays
-from jaxhb.transient.loads import load_torques
+from jaxhb.transients.loads import load_torques
 
 # Panels over the range of speeds, at least: the parabolas of a panel are exact for
 # torques linear in the speed and for inertia torques.
@@ -48,8 +48,8 @@ class TorqueTable:
 
     omega ``(P, 2)`` rad/s: begin and end of the panels; harmonics ``(M, P, 3, D, N+1)``
     N m of M states of the cylinders; idle : the same without gas torques and torques
-    that drive, None where no event changes the fuel; accelerating ``(D, N+1)`` N m s2: what loads add
-    per angular acceleration of the reference rotor.
+    that drive, None where no event changes the fuel; accelerating ``(D, N+1)`` N m s2:
+    what loads add per angular acceleration of the reference rotor.
     """
 
     omega: Array

@@ -20,16 +20,16 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import propagated
-from jaxhb.transient.disturbance import Disturbance
-from jaxhb.transient.timeline import STEPS, Blocks
-from jaxhb.transient.torques import (
+from jaxhb.transients.disturbance import Disturbance
+from jaxhb.transients.timeline import STEPS, Blocks
+from jaxhb.transients.torques import (
     TorqueTable,
     fuelled,
     panel_of,
     parabola,
     powers_in_panel,
 )
-from jaxhb.transient.weights import StepWeights
+from jaxhb.transients.weights import StepWeights
 
 # Half steps of a block as shares of its time. The first and the last lie inside: events
 # that jump at a border belong to one side of it.

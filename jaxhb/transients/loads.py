@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.train.tables import TrainArrays
-from jaxhb.transient.polylines import polyline_at
+from jaxhb.transients.polylines import polyline_at
 
 
 def load_torques(train: TrainArrays, rpm: Number) -> Array:

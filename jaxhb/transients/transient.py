@@ -33,7 +33,7 @@ from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes
 from jaxhb.train.speeds import HIGHEST_RPM
 from jaxhb.transient import torques
-from jaxhb.transient.course import (
+from jaxhb.transients.course import (
     Course,
     Occurrence,
     begin_seconds,
@@ -43,11 +43,11 @@ from jaxhb.transient.course import (
     refuse_moving_jumps,
     refuse_unsupported,
 )
-from jaxhb.transient.disturbance import Disturbance
-from jaxhb.transient.free_speed import MeanRotation, Rotation, free_rotation
-from jaxhb.transient.march import Errors, Marched, Marching, first_instant, march
-from jaxhb.transient.motion import Readings, Transient
-from jaxhb.transient.timeline import (
+from jaxhb.transients.disturbance import Disturbance
+from jaxhb.transients.free_speed import MeanRotation, Rotation, free_rotation
+from jaxhb.transients.march import Errors, Marched, Marching, first_instant, march
+from jaxhb.transients.motion import Readings, Transient
+from jaxhb.transients.timeline import (
     STEPS,
     Blocks,
     Grid,
@@ -57,7 +57,7 @@ from jaxhb.transient.timeline import (
     grid,
     padded,
 )
-from jaxhb.transient.weights import (
+from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
     StepWeights,
@@ -311,7 +311,8 @@ def _free_again(
         time = steps.borders[np.argmax(~(speeds <= 0.99 * highest))]
         raise SceneError(
             f"{title}: at free speed the train runs away: {0.99 * highest:.5g} rpm are"
-            f" passed after {time:.3g} s. Correct the mean torques or the laws of loads."
+            f" passed after {time:.3g} s. Correct the mean torques or the laws of"
+            " loads."
         )
     if speeds.min() < 0:
         time = steps.borders[np.argmax(speeds < 0)]
@@ -445,9 +446,9 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
     largest = np.abs(torque[:, 0]).max(initial=0.0)
     if abs(float(imbalance)) > IMBALANCE * largest:
         raise SceneError(
-            f"{topology.title}: at {rpm:g} rpm a mean torque of {float(imbalance):.4g} N"
-            " m is left that nothing balances: add a [[load]] or correct the mean"
-            " torques."
+            f"{topology.title}: at {rpm:g} rpm a mean torque of"
+            f" {float(imbalance):.4g} N m is left that nothing balances: add a [[load]]"
+            " or correct the mean torques."
         )
 
 

@@ -15,7 +15,7 @@ from jaxhb.equations import backlash
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
-from jaxhb.transient.history import History
+from jaxhb.transients.history import History
 
 
 @by_value
