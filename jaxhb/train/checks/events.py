@@ -18,6 +18,7 @@ def event_errors(parts: Parts) -> list[str]:
     """Find events of cylinders and shafts that do not exist."""
     errors = []
     cylinders = [name for name in parts.names["cylinder"] if isinstance(name, str)]
+    known = set(cylinders)
     near = Suggestions(cylinders)
     for i, event in enumerate(parts.tables["event"]):
         where = parts.where("event", i)
@@ -30,7 +31,7 @@ def event_errors(parts: Parts) -> list[str]:
             errors += [
                 f"{where}: there is no cylinder {shown(name)}.{near(name)}"
                 for name in asked
-                if name not in cylinders
+                if name not in known
             ]
         pair = event.between
         is_pair = parts.usable("event", i, "between") and pair is not None
