@@ -159,6 +159,8 @@ def facts_of(
                 value = tuple(map(tuple, value))
             elif declared.metadata["kind"] == "pair" and value is not None:
                 value = ", ".join(value)
+            elif declared.metadata["kind"] == "numbers" and value is not None:
+                value = tuple(value)
             facts[name] = (value, declared)
     return facts
 

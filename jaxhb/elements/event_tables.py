@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from jaxhb.elements.columns import column, padded
-from jaxhb.elements.events import TORQUES, Event, completed, kind_of
+import numpy as np
+
+from jaxhb.elements.columns import collected, column, padded
+from jaxhb.elements.events import TORQUES, Event, Ice, Pulse, completed, kind_of
 from jaxhb.elements.values import is_list
 from jaxhb.excitation.tables import table
 
@@ -110,57 +112,65 @@ def numbers_of(events: Sequence[Event]) -> Events | None:
     """Numbers of sound events; None without any."""
     if not events:
         return None
-    columns: dict[str, Any] = {
-        name: column(events, name)
-        for name in ("begin", "begin_deg", "factor", "end", "step", "firing_from")
-    }
-    rows: dict[str, Sequence[Any]] = {
-        "ramp": [[event.ramp] if event.ramp else () for event in events],
-        "table": [event.table for event in events],
-        "decaying": [event.decaying for event in events],
-        "fuel": [event.fuel for event in events],
-    }
-    # Terms that are padded decay, whether they count or not.
-    fillers = {"decaying": (0.0, 1.0, 0.0, 0.0)}
-    columns |= {
-        name: padded(of_events, fillers.get(name, (0.0, 0.0)))
-        for name, of_events in rows.items()
-    }
-    columns["ramp"] = columns["ramp"][:, 0]
-    present = {kind_of(event) for event in events}
-    if any(event.end is not None for event in events):
-        present.add("end")
-    inner = {
-        "pulse": (Pulses, ("torque", "seconds", "rise")),
-        "ice": (
-            Ices,
-            ("torque", "coefficient", "contact_deg", "angle_deg", "ramp_deg"),
-        ),
-        "clutch": (Clutches, ()),
-    }
-    for name, (cls, numbers) in inner.items():
-        seats = tuple(i for i, event in enumerate(events) if kind_of(event) == name)
-        of_kind = [getattr(events[i], name) for i in seats]
-        if name == "ice":
-            of_kind = [completed(ice) for ice in of_kind]
-        vectors: dict[str, Any] = {
-            # Ice without a case and a coefficient has all of its torque.
-            number: column(of_kind, number, absent=1.0)
-            for number in numbers
-        }
-        if name == "clutch":
-            vectors["capacity"] = padded(
-                [clutch.capacity for clutch in of_kind], (0.0, 0.0)
-            )
-        columns[name] = cls(seats=seats, **vectors)
-    always = ("begin", "begin_deg", "factor")
+    ramp = _rows_of([[event.ramp] if event.ramp else () for event in events])
     return Events(
-        **{
-            name: value
-            for name, value in columns.items()
-            if name in always or name in present
-        }
+        begin=column(events, "begin"),
+        begin_deg=column(events, "begin_deg"),
+        factor=column(events, "factor"),
+        end=_column_of(events, "end"),
+        step=_column_of(events, "step"),
+        ramp=None if ramp is None else ramp[:, 0],
+        table=_rows_of([event.table for event in events]),
+        # Terms that fill up decay, whether they count or not.
+        decaying=_rows_of([event.decaying for event in events], (0.0, 1.0, 0.0, 0.0)),
+        fuel=_rows_of([event.fuel for event in events]),
+        firing_from=_column_of(events, "firing_from"),
+        pulse=_of_pulses(events),
+        ice=_of_ice(events),
+        clutch=_of_clutches(events),
     )
+
+
+def _column_of(events: Sequence[Event], name: str) -> np.ndarray | None:
+    """Collect a number that events may have, None where no event has it."""
+    present = any(getattr(event, name) is not None for event in events)
+    return column(events, name) if present else None
+
+
+def _rows_of(
+    rows: Sequence[Any], absent: tuple[float, ...] = (0.0, 0.0)
+) -> np.ndarray | None:
+    """Stack the rows of events, None where no event has any."""
+    return padded(rows, absent) if any(rows) else None
+
+
+def _seats(events: Sequence[Event], kind: str) -> tuple[int, ...]:
+    """Numbers of the events of a kind."""
+    return tuple(i for i, event in enumerate(events) if kind_of(event) == kind)
+
+
+def _of_pulses(events: Sequence[Event]) -> Pulses | None:
+    """Numbers of the pulses, None without any."""
+    seats = _seats(events, "pulse")
+    pulses = [events[i].pulse for i in seats]
+    return collected(Pulses, Pulse, pulses, {"seats": seats}) if seats else None
+
+
+def _of_ice(events: Sequence[Event]) -> Ices | None:
+    """Numbers of the ice, None without any; without a case and a coefficient it has
+    all of its torque.
+    """
+    seats = _seats(events, "ice")
+    ice = [completed(sound) for i in seats if (sound := events[i].ice) is not None]
+    special = {"seats": seats, "coefficient": column(ice, "coefficient", absent=1.0)}
+    return collected(Ices, Ice, ice, special) if seats else None
+
+
+def _of_clutches(events: Sequence[Event]) -> Clutches | None:
+    """Numbers of the clutches, None without any."""
+    seats = _seats(events, "clutch")
+    rows = [clutch.capacity for i in seats if (clutch := events[i].clutch) is not None]
+    return Clutches(seats=seats, capacity=padded(rows, (0.0, 0.0))) if seats else None
 
 
 def seat_of(event: Event, disk: int | None, shaft: str) -> EventSeat:

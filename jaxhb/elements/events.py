@@ -206,8 +206,8 @@ def event_errors(event: Event) -> list[str]:
     if len(kinds) > 1:
         return [*texts, f"{joined(kinds)} are given together. Keep one of them."]
     if not kinds:
-        known = joined((*TORQUES, *MODES))
-        return [*texts, f"it has no kind. Give one of {known}."]
+        kinds_text = joined((*TORQUES, *MODES))
+        return [*texts, f"it has no kind. Give one of {kinds_text}."]
     (kind,) = kinds
     texts += _place_errors(event, kind)
     check = _CHECKS.get(kind)
@@ -271,6 +271,7 @@ def timed_errors(name: str, columns: Sequence[str], table: Any) -> list[str]:
 
 
 def _ramp_errors(ramp: Any) -> list[str]:
+    """Check the time of a ramp."""
     if numbers_errors("ramp", RAMP, ramp) or ramp[1] > 0.0:
         return []
     return [
@@ -280,6 +281,7 @@ def _ramp_errors(ramp: Any) -> list[str]:
 
 
 def _pulse_errors(pulse: Any) -> list[str]:
+    """Check shape and rise of a pulse."""
     if not isinstance(pulse, Pulse) or not plain_number(pulse.rise):
         return []
     if pulse.shape == "half-sine" and pulse.rise:
@@ -297,6 +299,7 @@ def _pulse_errors(pulse: Any) -> list[str]:
 
 
 def _decaying_errors(terms: Any) -> list[str]:
+    """Check decay and frequency of decaying sinusoids."""
     if row_errors("decaying", TERMS, terms):
         return []
     texts = []
@@ -315,6 +318,7 @@ def _decaying_errors(terms: Any) -> list[str]:
 
 
 def _ice_errors(ice: Any) -> list[str]:
+    """Check that ice has a case or its numbers, and one length."""
     if not isinstance(ice, Ice):
         return []
     texts = []
@@ -340,6 +344,7 @@ def _ice_errors(ice: Any) -> list[str]:
 
 
 def _clutch_errors(clutch: Any) -> list[str]:
+    """Check the capacity of a clutch."""
     if not isinstance(clutch, Clutch):
         return []
     if isinstance(clutch.capacity, tuple | list) and not clutch.capacity:

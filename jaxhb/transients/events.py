@@ -196,11 +196,11 @@ def _decaying(numbers: Any, members: Sequence[Placed], since: Array) -> Array:
     longest = max(member.seat.rows for member in members)
     terms = xp.asarray(numbers.decaying)[i, :longest]
     counts = np.array([member.seat.rows for member in members])
-    is_own = np.arange(longest) < counts[:, None]
+    counts_here = np.arange(longest) < counts[:, None]
     elapsed = xp.where(since > 0.0, since, 0.0)[..., None]
     phase = 2.0 * np.pi * terms[..., 2] * elapsed + xp.deg2rad(terms[..., 3])
     wave = terms[..., 0] * xp.exp(-elapsed / terms[..., 1]) * xp.sin(phase)
-    return _begun(since, xp.where(is_own, wave, 0.0).sum(axis=-1))
+    return _begun(since, xp.where(counts_here, wave, 0.0).sum(axis=-1))
 
 
 _LAWS = {"polyline": _polylines, "half-sine": _half_sines, "decaying": _decaying}

@@ -18,8 +18,8 @@ def polyline_at(x: Array, points: Array, values: Array, counts: np.ndarray) -> A
     xp = namespace(x, points, values)
     x = xp.asarray(x, dtype=float)[..., None]
     last = np.maximum(counts - 1, 0)
-    is_own = np.arange(points.shape[-1]) < counts[:, None]
-    behind = ((x >= points) & is_own).sum(axis=-1)
+    counts_here = np.arange(points.shape[-1]) < counts[:, None]
+    behind = ((x >= points) & counts_here).sum(axis=-1)
     left = xp.clip(behind - 1, 0, last)
     right = xp.clip(behind, 0, last)
     function = np.arange(len(counts))

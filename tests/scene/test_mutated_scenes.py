@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import tomlkit
 from click.testing import CliRunner
+from reference_data import DATA
 
 import jaxhb
 from jaxhb.cli.main import program
 
-SCENES = ("first_scene", "engine_with_damper", "inline_four_timing_drive")
+EVENTS = str(DATA / "scenes" / "events.toml")
+SCENES = ("first_scene", "engine_with_damper", "inline_four_timing_drive", EVENTS)
 COUNT = 60  # mutations of each scene
 VALUES = (
     *(0, -1, 1, 2, 1e300, -1e300, 1e-300, math.nan, math.inf, 1e6, 10**400),

@@ -193,6 +193,14 @@ def test_torques_stand_side_by_side_on_their_disks_whatever_their_kinds_are():
     np.testing.assert_array_equal(together, alone)
 
 
+def test_compiled_torques_are_those_of_numpy_to_rounding():
+    seconds, angles = begins(TRAIN, TORQUES)
+    question = TIMES, SPEED * TIMES, seconds, angles
+    expected = event_torques(TRAIN, TORQUES, *question)
+    compiled = jax.jit(event_torques, static_argnums=1)(TRAIN, TORQUES, *question)
+    np.testing.assert_allclose(compiled, expected, atol=1e-9)
+
+
 def test_events_that_do_not_begin_have_no_torque_and_no_derivative():
     never = np.full(len(TORQUES), np.inf)
 

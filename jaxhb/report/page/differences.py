@@ -91,7 +91,7 @@ def _row(name: str, key: str, field: dataclasses.Field, values: Sequence[Any]) -
     """Write the difference in a field, numbers with as many digits as tell them
     apart.
     """
-    if field.metadata["kind"] == "rows":
+    if field.metadata["kind"] in ("rows", "numbers"):
         presence = ["given" if value else NONE for value in values]
         return (f"{key} of {name}: another table", presence[0], presence[1], NONE)
     pairs = (

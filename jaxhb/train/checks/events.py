@@ -18,10 +18,11 @@ def event_errors(parts: Parts) -> list[str]:
     """Find events of cylinders and shafts that do not exist."""
     errors = []
     cylinders = [name for name in parts.names["cylinder"] if isinstance(name, str)]
+    names = set(cylinders)
     near = Suggestions(cylinders)
     for i, event in enumerate(parts.tables["event"]):
         where = parts.where("event", i)
-        asked = [
+        failing = [
             name
             for key in ("misfire", "cut_off")
             if isinstance(name := getattr(event, key), str) and name
@@ -29,8 +30,8 @@ def event_errors(parts: Parts) -> list[str]:
         if parts.complete:
             errors += [
                 f"{where}: there is no cylinder {shown(name)}.{near(name)}"
-                for name in asked
-                if name not in cylinders
+                for name in failing
+                if name not in names
             ]
         pair = event.between
         is_pair = parts.usable("event", i, "between") and pair is not None
