@@ -144,8 +144,6 @@ from .train.kinematics import (
 )
 
 __version__: str
-
-_environment_before: dict[str, str]
 from .transients.history import (
     Envelope as Envelope,
     History as History,
@@ -153,3 +151,5 @@ from .transients.history import (
 )
 from .transients.motion import ToothContact as ToothContact, Transient as Transient
 from .transients.transient import transient as transient
+
+_environment_before: dict[str, str]

@@ -7,6 +7,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,7 @@ def course(values: DriveTrain, listed: list[Occurrence], table: SpeedTable) -> C
 
 def _begin(train: DriveTrain, occurrence: Occurrence, table: SpeedTable) -> float:
     """Time in s at which an event begins; infinite where it does not."""
-    numbers = train.events
+    numbers: Any = train.events
     index = occurrence.event.index
     seat = occurrence.event.seat
     if seat.kind == "firing_from":
@@ -166,7 +167,8 @@ def begin_seconds(train: DriveTrain, course: Course, places: Sequence[int]) -> A
     """Begins ``(n,)`` s of occurrences by their places, differentiable by the ``begin``
     of events.
     """
-    xp = namespace(train.events)
+    numbers: Any = train.events
+    xp = namespace(numbers)
     begins: list[Number] = []
     for place in places:
         occurrence = course.listed[place]
@@ -174,7 +176,7 @@ def begin_seconds(train: DriveTrain, course: Course, places: Sequence[int]) -> A
         if occurrence.event.seat.by_angle or occurrence.kind == "firing_from":
             begins.append(course.begins[place])
         else:
-            begins.append(xp.asarray(train.events.begin)[index] + occurrence.delay)
+            begins.append(xp.asarray(numbers.begin)[index] + occurrence.delay)
     return xp.stack(begins) if begins else np.zeros(0)
 
 

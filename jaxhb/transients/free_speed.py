@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -88,8 +89,8 @@ def free_rotation(
     begins_at = jnp.asarray(begins_at)
 
     def block(
-        carry: tuple[Array, Array, Array], row: tuple[Array, Array, Array, Array]
-    ) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+        carry: tuple[jax.Array, jax.Array, jax.Array], row: Any
+    ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], Any]:
         omega, angle, starts = carry
         begin, duration, mode, number = row
         starts = jnp.where(begins_at == number, angle, starts)

@@ -180,7 +180,7 @@ class History:
         first = np.clip(np.searchsorted(time, asked) - 2, 0, len(time) - 4)
         places = first[..., None] + np.arange(4)
         nodes = time[places]
-        total = 0.0
+        total: Array = xp.zeros(asked.shape)
         for k in range(4):
             others = [j for j in range(4) if j != k]
             weight = np.ones(asked.shape)

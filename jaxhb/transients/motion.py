@@ -72,7 +72,7 @@ class Readings:
 
 @by_value
 @dataclass(frozen=True, repr=False)
-class Transient(Motion[History, ToothContact, float]):
+class Transient(Motion[History, ToothContact, Array]):
     """Motion of a train over time; made by :func:`jaxhb.transient`.
 
     Readers by name as of other motions: :meth:`torque`, :meth:`force`,
@@ -246,7 +246,7 @@ class Transient(Motion[History, ToothContact, float]):
         history = self._history(*by_quantity[quantity](index))
         return history if sense > 0 else history.reversed()
 
-    def _power(self, link: int) -> float:
+    def _power(self, link: int) -> Array:
         """Mean power in W that a shaft, damper or mesh turns into heat."""
         transmitted, elastic = self._link(link)
         places = list(self.topology.law_index)

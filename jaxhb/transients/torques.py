@@ -164,19 +164,19 @@ def torque_table(
     )
 
 
-def panel_of(table: TorqueTable, omega: Array) -> Array:
+def panel_of(table: TorqueTable, omega: Number) -> Array:
     """Number of the panel of a speed in rad/s, the nearest of one outside."""
     xp = namespace(table, omega)
     panel = xp.searchsorted(table.omega[:, 0], omega, side="right") - 1
     return xp.clip(panel, 0, len(table.omega) - 1)
 
 
-def powers_in_panel(table: TorqueTable, panel: Array, omega: Array) -> Array:
+def powers_in_panel(table: TorqueTable, panel: Array, omega: Number) -> Array:
     """Powers 0 to 2 ``(..., 3)`` of the share of a panel at speeds in rad/s."""
     begin = table.omega[panel, 0]
     end = table.omega[panel, 1]
     share = (omega - begin) / (end - begin)
-    return share[..., None] ** np.arange(3)
+    return namespace(share).asarray(share)[..., None] ** np.arange(3)
 
 
 def fuelled(
@@ -192,7 +192,7 @@ def fuelled(
     return idle + factor * (full - idle)
 
 
-def means(table: TorqueTable, mode: Array, omega: Array, factor: Number) -> Array:
+def means(table: TorqueTable, mode: Array, omega: Number, factor: Number) -> Array:
     """Mean torques ``(D,)`` N m at a speed in rad/s."""
     panel = panel_of(table, omega)
 

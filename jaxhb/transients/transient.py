@@ -32,7 +32,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes
 from jaxhb.train.speeds import HIGHEST_RPM
-from jaxhb.transient import torques
+from jaxhb.transients import torques
 from jaxhb.transients.course import (
     Course,
     Occurrence,
@@ -163,8 +163,7 @@ def transient(
     listed = occurrences(values, events)
     refuse_unsupported(values.topology, listed)
     refuse_moving_jumps(train, listed)
-    free = isinstance(speed, str)
-    if free:
+    if isinstance(speed, str):
         plan = free_plan(values, seconds, speed, rpm, listed)
     else:
         table = speed_table(seconds, speed, rpm)
@@ -221,7 +220,7 @@ def speed_table(seconds: float, speed: Speed, rpm: float | None) -> SpeedTable:
     whole = SpeedTable(rows[:, 0], rows[:, 1])
     inside = rows[:, 0] < seconds
     times = np.append(rows[inside, 0], seconds)
-    table = SpeedTable(times, whole.speed(times))
+    table = SpeedTable(times, np.asarray(whole.speed(times)))
     if not table.rpm.any():
         raise SceneError("transient: the speed is 0 rpm throughout: nothing turns.")
     return table
@@ -328,10 +327,8 @@ def known_speeds(train: DriveTrain) -> list[float]:
     """Speeds in rpm of the reference rotor at which torques and loads are given."""
     numbers = [*excitation.speeds(train)]
     loads = train.loads
-    ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
-    seats = np.array(train.topology.load_disk, dtype=int)
     if loads.rated_rpm is not None:
-        numbers += (np.asarray(loads.rated_rpm) / ratio[seats]).tolist()
+        numbers += np.asarray(loads.rated_rpm).tolist()
     if loads.over_rpm is not None:
         numbers += np.asarray(loads.over_rpm)[..., 0].ravel().tolist()
     return [float(number) for number in numbers if np.isfinite(number)]
@@ -484,7 +481,7 @@ def _grid(
 
 def highest_event_hz(train: DriveTrain, plan: Course) -> float:
     """Highest frequency in Hz of decaying torques."""
-    numbers = train.events
+    numbers: Any = train.events
     highest = 0.0
     for place in plan.of_kind("decaying"):
         index = plan.listed[place].event.index
@@ -542,7 +539,7 @@ class TransientEquations:
         space = forced_space(system, parts, dense, columns)
         if not traced(train):
             space = in_pairs(space, _free_rotation(train, system, space))
-        notes = ()
+        notes: tuple[str, ...] = ()
         if lossy:
             notes = (
                 "loss factors damp each mode at its own frequency, and are no part of"
@@ -656,7 +653,9 @@ def _free_rotation(
 ) -> FreeRotation | None:
     """The :class:`FreeRotation` of a train that no ground holds and nothing brakes."""
     rigid = rigid_shape(train, system.radius)
-    mass = system.mass * rigid
+    mass = np.asarray(system.mass * rigid)
+    coordinates = np.asarray(space.coordinates)
+    motion = np.asarray(space.motion)
     braked = np.any(system.damping != 0) or np.any(system.ground != 0)
     if braked:
         return None
@@ -664,10 +663,10 @@ def _free_rotation(
     zero = 0 * rigid
     inertia = mass @ rigid
     return FreeRotation(
-        angle=space.coordinates @ np.concatenate([rigid, zero]),
-        speed=space.coordinates @ np.concatenate([zero, rigid]),
-        angle_row=mass @ space.motion[:disks] / inertia,
-        speed_row=mass @ space.motion[disks:] / inertia,
+        angle=coordinates @ np.concatenate([rigid, zero]),
+        speed=coordinates @ np.concatenate([zero, rigid]),
+        angle_row=mass @ motion[:disks] / inertia,
+        speed_row=mass @ motion[disks:] / inertia,
     )
 
 
