@@ -144,6 +144,7 @@ from .train.kinematics import (
 )
 
 __version__: str
+from .transients.fatigue import SNCurve as SNCurve
 from .transients.history import (
     Envelope as Envelope,
     History as History,

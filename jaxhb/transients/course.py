@@ -17,7 +17,7 @@ from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.tables import with_table
 from jaxhb.train.topology import Topology
-from jaxhb.transients.events import Placed, chosen_events, corners
+from jaxhb.transients.events import Disturbance, Placed, chosen_events, corners
 from jaxhb.transients.timeline import SpeedTable
 
 UNSUPPORTED = ("clutch",)
@@ -244,3 +244,19 @@ def without_fuel(train: DriveTrain) -> DriveTrain:
         harmonics=xp.where(driving[:, None, None], 0.0, numbers.harmonics),
     )
     return with_table(train, "torque", idle)
+
+
+def disturbance_of(train: DriveTrain, plan: Course) -> Disturbance | None:
+    """The :class:`Disturbance` of the events of a course; None of none."""
+    places = plan.of_kind(*TORQUES)
+    fuels = plan.of_kind("fuel")
+    if not places and not fuels:
+        return None
+    return Disturbance(
+        train=train,
+        begins=begin_seconds(train, plan, places),
+        start_angles=np.zeros(len(places)),
+        fuel_begins=begin_seconds(train, plan, fuels),
+        torques=tuple(plan.listed[place].name for place in places),
+        fuels=tuple(plan.listed[place].name for place in fuels),
+    )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxhb._jax import Array, namespace
@@ -348,3 +349,28 @@ def _ice_corners(train: TrainArrays, member: Placed) -> Iterator[float]:
     inside = (angles >= 0.0) & (angles <= length)
     # Contacts that follow each other meet but for rounding.
     yield from np.deg2rad(np.unique(angles[inside].round(9))) / ratio
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Disturbance:
+    """Events of a transient: E torques by their names and begins ``(E,)`` s, and fuel
+    likewise ``(F,)``; start_angles ``(E,)`` rad, at which the torques begin.
+    """
+
+    train: TrainArrays
+    begins: Array
+    start_angles: Array
+    fuel_begins: Array
+    torques: tuple[str, ...] = field(metadata={"static": True})
+    fuels: tuple[str, ...] = field(metadata={"static": True})
+
+    def torque(self, seconds: Array, angle: Array) -> Array:
+        """Torques ``(n, E)`` N m on their disks."""
+        return event_torques(
+            self.train, self.torques, seconds, angle, self.begins, self.start_angles
+        )
+
+    def fuel(self, seconds: Array) -> Array:
+        """Factor ``(n,)`` of gas torques and torques that drive."""
+        return fuel_factor(self.train, self.fuels, seconds, self.fuel_begins)

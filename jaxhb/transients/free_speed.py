@@ -17,12 +17,29 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Number
+from jaxhb._jax import Array, Number, concrete
 from jaxhb._program import Program
-from jaxhb.transients.disturbance import Disturbance
+from jaxhb.elements.sentences import SceneError
+from jaxhb.train import excitation
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.speeds import HIGHEST_RPM
+from jaxhb.transients import torques
+from jaxhb.transients.course import (
+    Course,
+    Occurrence,
+    course,
+    disturbance_of,
+    event_corners,
+)
+from jaxhb.transients.events import Disturbance
+from jaxhb.transients.timeline import STEPS, SpeedTable, check_seconds, grid
 from jaxhb.transients.torques import TorqueTable, means
+
+FREE_STEPS = 2048  # of the first integration of a free speed
 
 
 @jax.tree_util.register_dataclass
@@ -118,3 +135,143 @@ def free_rotation(
     begin = (omega, jnp.zeros(()), jnp.full(len(begins_at), jnp.inf))
     _, (after, first, last) = lax.scan(block, begin, rows)
     return Rotation(jnp.append(omega, after), first, last)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Speed of a transient, of a ``free`` one about, and its :class:`Course`."""
+
+    table: SpeedTable
+    course: Course
+    free: bool
+
+
+def free_plan(
+    values: DriveTrain,
+    seconds: float,
+    speed: str,
+    rpm: float | None,
+    listed: list[Occurrence],
+) -> Plan:
+    """The :class:`Plan` of a free speed: integrated again until events that begin at
+    angles and speeds stand still.
+    """
+    check_seconds(seconds)
+    title = values.topology.title
+    if speed != "free":
+        raise SceneError(
+            f"transient: speed is {speed!r}: give a number in rpm, rows of (s, rpm), or"
+            ' "free".'
+        )
+    if rpm is None or not (np.isfinite(rpm) and 0 <= rpm <= HIGHEST_RPM):
+        raise SceneError(
+            f'{title}: speed="free" begins at rpm={rpm!r}: give the first speed, from 0'
+            f" to {HIGHEST_RPM:.0f} rpm."
+        )
+    topology = values.topology
+    lawless = [
+        name
+        for name, law in zip(topology.names_of("load"), topology.load_law, strict=True)
+        if not law
+    ]
+    if lawless or not topology.load_disk:
+        which = (
+            f"load {lawless[0]!r} has no law over the speed"
+            if lawless
+            else ("there is no [[load]]")
+        )
+        raise SceneError(
+            f"{title}: at free speed {which}: give a load a law with rated_torque and"
+            " rated_rpm, or over_rpm."
+        )
+    table = SpeedTable(np.array([0.0, seconds]), np.array([rpm, rpm]))
+    highest = 2.0 * max(rpm, *known_speeds(values), 1.0)
+    plan = Plan(table, course(values, listed, table), free=True)
+    for _ in range(4 + 2 * len(listed)):
+        after = _free_again(values, plan, seconds, rpm, highest)
+        settled = np.allclose(
+            after.table.rpm[[0, -1]], plan.table.rpm[[0, -1]], rtol=1e-9
+        ) and np.allclose(after.course.begins, plan.course.begins, atol=1e-9)
+        plan = after
+        if settled:
+            break
+    return plan
+
+
+def _free_again(
+    values: DriveTrain, plan: Plan, seconds: float, rpm: float, highest: float
+) -> Plan:
+    """The plan with the speed that follows from its course."""
+    corners = event_corners(values, plan.course, plan.table, seconds)
+    steps = grid(seconds, corners, seconds / FREE_STEPS / STEPS, slowest=0.0)
+    mean = mean_rotation(values, plan.course, np.array([0.0, highest]))
+    mode = plan.course.mode(steps.begin)
+    rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
+    speeds = np.asarray(rotation.omega) * (30 / np.pi)
+    title = values.topology.title
+    if not np.all(np.isfinite(speeds)) or speeds.max() > 0.99 * highest:
+        time = steps.borders[np.argmax(~(speeds <= 0.99 * highest))]
+        raise SceneError(
+            f"{title}: at free speed the train runs away: {0.99 * highest:.5g} rpm are"
+            f" passed after {time:.3g} s. Correct the mean torques or the laws of"
+            " loads."
+        )
+    if speeds.min() < 0:
+        time = steps.borders[np.argmax(speeds < 0)]
+        raise SceneError(
+            f"{title}: at free speed the train stops after {time:.3g} s. Ask for fewer"
+            " seconds, or correct the mean torques or the laws of loads."
+        )
+    table = SpeedTable(steps.borders, speeds)
+    return Plan(table, course(values, plan.course.listed, table), free=True)
+
+
+def known_speeds(train: DriveTrain) -> list[float]:
+    """Speeds in rpm of the reference rotor at which torques and loads are given."""
+    numbers = [*excitation.speeds(train)]
+    loads = train.loads
+    if loads.rated_rpm is not None:
+        numbers += np.asarray(loads.rated_rpm).tolist()
+    if loads.over_rpm is not None:
+        numbers += np.asarray(loads.over_rpm)[..., 0].ravel().tolist()
+    return [float(number) for number in numbers if np.isfinite(number)]
+
+
+def mean_rotation(train: DriveTrain, plan: Course, span: np.ndarray) -> MeanRotation:
+    """The :class:`MeanRotation` of a train between two speeds ``(2,)`` rpm."""
+    ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
+    harmonics = 1
+    table = torques.torque_table(
+        plan.states(train),
+        plan.idle_states(train),
+        torques.panels(concrete(train)[0], float(span[0]), float(span[1])),
+        harmonics,
+        free=True,
+    )
+    return MeanRotation(
+        table=table,
+        ratios=ratio[torques.excited_disks(train)],
+        event_ratios=ratio[plan.torque_disks],
+        inertia=torques.accelerated_inertia(train),
+        disturbance=disturbance_of(train, plan),
+    )
+
+
+def rotated(
+    mean: MeanRotation,
+    rpm: float,
+    borders: np.ndarray,
+    mode: np.ndarray,
+    plan: Course,
+) -> Rotation:
+    """The :class:`Rotation` between borders of blocks ``(B + 1,)`` s."""
+    count = len(mode)
+    # Few lengths, so that few programs are compiled
+    room = 1 << int(np.ceil(np.log2(count)))
+    longer = np.append(borders, np.full(room - count, borders[-1]))
+    modes = np.append(mode, np.full(room - count, mode[-1]))
+    begins_at = np.searchsorted(borders, plan.torque_begins - 1e-9)
+    rotation = free_rotation(mean, rpm * np.pi / 30, longer, modes, begins_at)
+    return Rotation(
+        rotation.omega[: count + 1], rotation.first[:count], rotation.last[:count]
+    )

@@ -20,7 +20,7 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import propagated
-from jaxhb.transients.disturbance import Disturbance
+from jaxhb.transients.events import Disturbance
 from jaxhb.transients.timeline import STEPS, Blocks
 from jaxhb.transients.torques import (
     TorqueTable,

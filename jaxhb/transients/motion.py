@@ -15,6 +15,7 @@ from jaxhb.equations import backlash
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
+from jaxhb.transients.fatigue import Cycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
 
 
@@ -126,6 +127,18 @@ class Transient(Motion[History, ToothContact, Array]):
         inside = (before >= low) & (before <= high)
         share = xp.where(still, xp.where(inside, 1.0, 0.0), shares[1] - shares[0])
         return (share * np.diff(self.time)).sum()
+
+    def cycles(self, signal: History) -> Cycles:
+        """Cycles of a signal, counted by rainflow
+        (:func:`jaxhb.transients.fatigue.count_cycles`).
+        """
+        return count_cycles(signal)
+
+    def damage(self, signal: History, curve: SNCurve) -> Array:
+        """Damage of a signal by a S-N curve in its unit, the sum of Palmgren and Miner:
+        1 is the end of the life.
+        """
+        return damage_of(count_cycles(signal), curve)
 
     def _history(self, values: Array, elastic: Array | None = None) -> History:
         return History(self.time, values, self.rpm, self.angle, elastic)

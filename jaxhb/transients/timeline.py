@@ -14,6 +14,8 @@ import jax
 import numpy as np
 
 from jaxhb._jax import Array, namespace
+from jaxhb.elements.sentences import SceneError
+from jaxhb.train.speeds import HIGHEST_RPM
 
 STEPS = 64  # of a block
 # Blocks of a second, at least, however slow the train turns
@@ -228,3 +230,58 @@ def padded(blocks: Blocks, count: int) -> Blocks:
 def parts(count: int, size: int) -> Sequence[range]:
     """Ranges of at most ``size`` that cover ``count``."""
     return [range(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def speed_table(
+    seconds: float, speed: float | Sequence[Sequence[float]], rpm: float | None
+) -> SpeedTable:
+    """The :class:`SpeedTable` of a speed as it is given."""
+    check_seconds(seconds)
+    if rpm is not None:
+        raise SceneError(
+            'transient: rpm is the first speed of speed="free": leave it out.'
+        )
+    if np.ndim(speed) == 0:
+        rows = np.array([[0.0, speed], [seconds, speed]], dtype=float)
+    else:
+        rows = np.array(speed, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise SceneError(
+            "transient: speed must be rows of (s, rpm), as [(0, 60), (9, 120)]."
+        )
+    for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
+        if not after > before:
+            raise SceneError(
+                f"transient: the row of speed at {after:g} s follows that at"
+                f" {before:g} s: times must increase."
+            )
+    for time, value in rows:
+        if not (np.isfinite(value) and 0 <= value <= HIGHEST_RPM):
+            raise SceneError(
+                f"transient: the speed at {time:g} s is {value:g} rpm, must be from 0"
+                f" to {HIGHEST_RPM:.0f} rpm: no train turns backwards."
+            )
+    if rows[0, 0] < 0:
+        raise SceneError(
+            f"transient: the first row of speed is at {rows[0, 0]:g} s, must be at 0 s"
+            " or later."
+        )
+    if rows[0, 0] > 0:
+        rows = np.concatenate([[[0.0, rows[0, 1]]], rows])
+    if rows[-1, 0] < seconds:
+        rows = np.concatenate([rows, [[seconds, rows[-1, 1]]]])
+    whole = SpeedTable(rows[:, 0], rows[:, 1])
+    inside = rows[:, 0] < seconds
+    times = np.append(rows[inside, 0], seconds)
+    table = SpeedTable(times, np.asarray(whole.speed(times)))
+    if not table.rpm.any():
+        raise SceneError("transient: the speed is 0 rpm throughout: nothing turns.")
+    return table
+
+
+def check_seconds(seconds: float) -> None:
+    """Refuse a duration that is none."""
+    if not (np.isfinite(seconds) and seconds > 0):
+        raise SceneError(
+            f"transient: seconds is {seconds:g}, must be greater than 0 s."
+        )

@@ -11,7 +11,8 @@ out: its share of the rest is the change of speed in a revolution over the speed
 
 In the frame that turns with the mean rotation, disks of speed ratio i carry ``-J i
 alpha``. Loads of a given speed take the power that accelerates the train from theirs;
-at free speed they follow their laws.
+at free speed they follow their laws. Where there is no load, each disk is accelerated
+by itself.
 """
 
 from __future__ import annotations
@@ -218,9 +219,12 @@ def load_columns(
     radius = displacement_radii(train)
     seats = np.eye(train.topology.n_disks)
     on_disks = seats / radius[:, None]
+    carried = system.mass * rigid_shape(train, radius)
+    if not train.topology.load_disk:
+        carried = 0 * carried
     columns = [
         on_disks[:, excited_disks(train)],
-        -(system.mass * rigid_shape(train, radius))[:, None],
+        -carried[:, None],
         on_disks[:, event_disks],
     ]
     if meshes.error is not None:

@@ -12,40 +12,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
-from jaxhb.elements.events import TORQUES
 from jaxhb.elements.sentences import SceneError
-from jaxhb.equations.state_space import (
-    Partition,
-    loss_damping,
-    partition,
-    state_space,
-)
-from jaxhb.equations.system import System
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
-from jaxhb.steady.classification import motion_of
-from jaxhb.steady.marching import Equations
-from jaxhb.steady.steady_state import steady_state
-from jaxhb.train import chain, excitation
-from jaxhb.train.chain import rigid_shape
+from jaxhb.train import excitation
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
-from jaxhb.train.mesh_parameters import all_meshes, law_meshes
-from jaxhb.train.speeds import HIGHEST_RPM
 from jaxhb.transients import torques
 from jaxhb.transients.course import (
     Course,
-    Occurrence,
-    begin_seconds,
     course,
     event_corners,
     occurrences,
     refuse_moving_jumps,
     refuse_unsupported,
 )
-from jaxhb.transients.disturbance import Disturbance
-from jaxhb.transients.free_speed import MeanRotation, Rotation, free_rotation
-from jaxhb.transients.march import Errors, Marched, Marching, first_instant, march
+from jaxhb.transients.equations import TransientEquations
+from jaxhb.transients.free_speed import MeanRotation, Plan, free_plan, rotated
+from jaxhb.transients.march import Marched, Marching, first_instant, march
 from jaxhb.transients.motion import Readings, Transient
 from jaxhb.transients.timeline import (
     STEPS,
@@ -56,14 +40,7 @@ from jaxhb.transients.timeline import (
     blocks_of_table,
     grid,
     padded,
-)
-from jaxhb.transients.weights import (
-    ForcedSpace,
-    FreeRotation,
-    StepWeights,
-    forced_space,
-    in_pairs,
-    step_weights,
+    speed_table,
 )
 
 # Steps per period of the highest harmonic of the excitation at the highest speed, and
@@ -71,10 +48,8 @@ from jaxhb.transients.weights import (
 STEPS_PER_WAVE = 32
 STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
-MOST_DISKS = 600  # modes of more take minutes
 MOST_STEPS = 2**26
 MEMORY = 2**31  # B of states
-FREE_STEPS = 2048  # of the first integration of a free speed
 IMBALANCE = 1e-6  # share of the mean torques that counts as balanced
 
 Speed = float | Sequence[Sequence[float]] | str
@@ -139,8 +114,8 @@ def transient(
 
     Notes
     -----
-    At a given speed loads take the power that accelerates the train from theirs. The
-    torques of inertia are those of the momentary speed; their part in proportion to
+    At a given speed loads take the power that accelerates the train from theirs;
+    without loads each disk is accelerated by itself, and a note says so. The torques of inertia are those of the momentary speed; their part in proportion to
     the angular acceleration is left out, as is what vibration takes from a free
     rotation. Derivatives are those of the steps, which stand still; by the begin of an
     event there are some where its torque does not jump.
@@ -181,215 +156,6 @@ def transient(
     return _result(train, blocks, recording, marched, readings, equations.notes)
 
 
-def speed_table(seconds: float, speed: Speed, rpm: float | None) -> SpeedTable:
-    """The :class:`SpeedTable` of a speed as it is given."""
-    _check_seconds(seconds)
-    if rpm is not None:
-        raise SceneError(
-            'transient: rpm is the first speed of speed="free": leave it out.'
-        )
-    if np.ndim(speed) == 0:
-        rows = np.array([[0.0, speed], [seconds, speed]], dtype=float)
-    else:
-        rows = np.array(speed, dtype=float)
-    if rows.ndim != 2 or rows.shape[1] != 2:
-        raise SceneError(
-            "transient: speed must be rows of (s, rpm), as [(0, 60), (9, 120)]."
-        )
-    for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
-        if not after > before:
-            raise SceneError(
-                f"transient: the row of speed at {after:g} s follows that at"
-                f" {before:g} s: times must increase."
-            )
-    for time, value in rows:
-        if not (np.isfinite(value) and 0 <= value <= HIGHEST_RPM):
-            raise SceneError(
-                f"transient: the speed at {time:g} s is {value:g} rpm, must be from 0"
-                f" to {HIGHEST_RPM:.0f} rpm: no train turns backwards."
-            )
-    if rows[0, 0] < 0:
-        raise SceneError(
-            f"transient: the first row of speed is at {rows[0, 0]:g} s, must be at 0 s"
-            " or later."
-        )
-    if rows[0, 0] > 0:
-        rows = np.concatenate([[[0.0, rows[0, 1]]], rows])
-    if rows[-1, 0] < seconds:
-        rows = np.concatenate([rows, [[seconds, rows[-1, 1]]]])
-    whole = SpeedTable(rows[:, 0], rows[:, 1])
-    inside = rows[:, 0] < seconds
-    times = np.append(rows[inside, 0], seconds)
-    table = SpeedTable(times, np.asarray(whole.speed(times)))
-    if not table.rpm.any():
-        raise SceneError("transient: the speed is 0 rpm throughout: nothing turns.")
-    return table
-
-
-def _check_seconds(seconds: float) -> None:
-    """Refuse a duration that is none."""
-    if not (np.isfinite(seconds) and seconds > 0):
-        raise SceneError(
-            f"transient: seconds is {seconds:g}, must be greater than 0 s."
-        )
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Speed of a transient, of a ``free`` one about, and its :class:`Course`."""
-
-    table: SpeedTable
-    course: Course
-    free: bool
-
-
-def free_plan(
-    values: DriveTrain,
-    seconds: float,
-    speed: str,
-    rpm: float | None,
-    listed: list[Occurrence],
-) -> Plan:
-    """The :class:`Plan` of a free speed: integrated again until events that begin at
-    angles and speeds stand still.
-    """
-    _check_seconds(seconds)
-    title = values.topology.title
-    if speed != "free":
-        raise SceneError(
-            f"transient: speed is {speed!r}: give a number in rpm, rows of (s, rpm), or"
-            ' "free".'
-        )
-    if rpm is None or not (np.isfinite(rpm) and 0 <= rpm <= HIGHEST_RPM):
-        raise SceneError(
-            f'{title}: speed="free" begins at rpm={rpm!r}: give the first speed, from 0'
-            f" to {HIGHEST_RPM:.0f} rpm."
-        )
-    topology = values.topology
-    lawless = [
-        name
-        for name, law in zip(topology.names_of("load"), topology.load_law, strict=True)
-        if not law
-    ]
-    if lawless or not topology.load_disk:
-        which = (
-            f"load {lawless[0]!r} has no law over the speed"
-            if lawless
-            else ("there is no [[load]]")
-        )
-        raise SceneError(
-            f"{title}: at free speed {which}: give a load a law with rated_torque and"
-            " rated_rpm, or over_rpm."
-        )
-    table = SpeedTable(np.array([0.0, seconds]), np.array([rpm, rpm]))
-    highest = 2.0 * max(rpm, *known_speeds(values), 1.0)
-    plan = Plan(table, course(values, listed, table), free=True)
-    for _ in range(4 + 2 * len(listed)):
-        after = _free_again(values, plan, seconds, rpm, highest)
-        settled = np.allclose(
-            after.table.rpm[[0, -1]], plan.table.rpm[[0, -1]], rtol=1e-9
-        ) and np.allclose(after.course.begins, plan.course.begins, atol=1e-9)
-        plan = after
-        if settled:
-            break
-    return plan
-
-
-def _free_again(
-    values: DriveTrain, plan: Plan, seconds: float, rpm: float, highest: float
-) -> Plan:
-    """The plan with the speed that follows from its course."""
-    corners = event_corners(values, plan.course, plan.table, seconds)
-    steps = grid(seconds, corners, seconds / FREE_STEPS / STEPS, slowest=0.0)
-    mean = mean_rotation(values, plan.course, np.array([0.0, highest]))
-    mode = plan.course.mode(steps.begin)
-    rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
-    speeds = np.asarray(rotation.omega) * (30 / np.pi)
-    title = values.topology.title
-    if not np.all(np.isfinite(speeds)) or speeds.max() > 0.99 * highest:
-        time = steps.borders[np.argmax(~(speeds <= 0.99 * highest))]
-        raise SceneError(
-            f"{title}: at free speed the train runs away: {0.99 * highest:.5g} rpm are"
-            f" passed after {time:.3g} s. Correct the mean torques or the laws of"
-            " loads."
-        )
-    if speeds.min() < 0:
-        time = steps.borders[np.argmax(speeds < 0)]
-        raise SceneError(
-            f"{title}: at free speed the train stops after {time:.3g} s. Ask for fewer"
-            " seconds, or correct the mean torques or the laws of loads."
-        )
-    table = SpeedTable(steps.borders, speeds)
-    return Plan(table, course(values, plan.course.listed, table), free=True)
-
-
-def known_speeds(train: DriveTrain) -> list[float]:
-    """Speeds in rpm of the reference rotor at which torques and loads are given."""
-    numbers = [*excitation.speeds(train)]
-    loads = train.loads
-    if loads.rated_rpm is not None:
-        numbers += np.asarray(loads.rated_rpm).tolist()
-    if loads.over_rpm is not None:
-        numbers += np.asarray(loads.over_rpm)[..., 0].ravel().tolist()
-    return [float(number) for number in numbers if np.isfinite(number)]
-
-
-def mean_rotation(train: DriveTrain, plan: Course, span: np.ndarray) -> MeanRotation:
-    """The :class:`MeanRotation` of a train between two speeds ``(2,)`` rpm."""
-    ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
-    harmonics = 1
-    table = torques.torque_table(
-        plan.states(train),
-        plan.idle_states(train),
-        torques.panels(concrete(train)[0], float(span[0]), float(span[1])),
-        harmonics,
-        free=True,
-    )
-    return MeanRotation(
-        table=table,
-        ratios=ratio[torques.excited_disks(train)],
-        event_ratios=ratio[plan.torque_disks],
-        inertia=torques.accelerated_inertia(train),
-        disturbance=disturbance_of(train, plan),
-    )
-
-
-def rotated(
-    mean: MeanRotation,
-    rpm: float,
-    borders: np.ndarray,
-    mode: np.ndarray,
-    plan: Course,
-) -> Rotation:
-    """The :class:`Rotation` between borders of blocks ``(B + 1,)`` s."""
-    count = len(mode)
-    # Few lengths, so that few programs are compiled
-    room = 1 << int(np.ceil(np.log2(count)))
-    longer = np.append(borders, np.full(room - count, borders[-1]))
-    modes = np.append(mode, np.full(room - count, mode[-1]))
-    begins_at = np.searchsorted(borders, plan.torque_begins - 1e-9)
-    rotation = free_rotation(mean, rpm * np.pi / 30, longer, modes, begins_at)
-    return Rotation(
-        rotation.omega[: count + 1], rotation.first[:count], rotation.last[:count]
-    )
-
-
-def disturbance_of(train: DriveTrain, plan: Course) -> Disturbance | None:
-    """The :class:`Disturbance` of the events of a course; None of none."""
-    places = plan.of_kind(*TORQUES)
-    fuels = plan.of_kind("fuel")
-    if not places and not fuels:
-        return None
-    return Disturbance(
-        train=train,
-        begins=begin_seconds(train, plan, places),
-        start_angles=np.zeros(len(places)),
-        fuel_begins=begin_seconds(train, plan, fuels),
-        torques=tuple(plan.listed[place].name for place in places),
-        fuels=tuple(plan.listed[place].name for place in fuels),
-    )
-
-
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
     """The :class:`Blocks` of a transient."""
     mode = plan.course.mode(steps.begin)
@@ -427,17 +193,10 @@ def _with_start_angles(
 
 
 def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
-    """Refuse a train that floats where no load takes its mean torques or those that
-    accelerate it.
-    """
+    """Refuse a train that floats where nothing takes its mean torques."""
     topology = train.topology
     if topology.ground_disk or topology.load_disk:
         return
-    if np.ptp(table.rpm):
-        raise SceneError(
-            f"{topology.title}: the speed changes, and there is no load and no ground"
-            " that takes the torque of the acceleration: add a [[load]]."
-        )
     rpm = float(table.rpm[0])
     torque, _, imbalance = excitation.excitation(train, rpm, 1)
     largest = np.abs(torque[:, 0]).max(initial=0.0)
@@ -488,186 +247,6 @@ def highest_event_hz(train: DriveTrain, plan: Course) -> float:
         rows = plan.listed[place].event.seat.rows
         highest = max(highest, float(np.max(numbers.decaying[index, :rows, 2])))
     return highest
-
-
-@dataclass(frozen=True)
-class TransientEquations:
-    """Equations of a train as a transient marches them; ``values`` is the train with
-    concrete numbers, ``space`` that in pairs of the host, or dense where the train is
-    traced.
-    """
-
-    train: DriveTrain
-    values: DriveTrain
-    system: System
-    space: ForcedSpace
-    highest_hz: float
-    notes: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls, train: DriveTrain, values: DriveTrain, plan: Course
-    ) -> TransientEquations:
-        """The equations of a train."""
-        topology = train.topology
-        if topology.n_disks > MOST_DISKS:
-            raise SceneError(
-                f"{topology.title}: a transient takes trains of at most {MOST_DISKS}"
-                f" disks, and this one has {topology.n_disks}."
-            )
-        at_hand = Equations(values)
-        system = chain.assemble(train)
-        meshes = law_meshes(train)
-        lossy = bool(np.any(at_hand.system.loss))
-        if lossy and traced(train):
-            raise SceneError(
-                f"{topology.title}: derivatives of a transient take no loss factors:"
-                " apply train.with_viscous_damping(hz=...)."
-            )
-        parts: Partition = partition(
-            at_hand.system,
-            at_hand.meshes,
-            topology.disk_names,
-            topology.link_names,
-            lossy=True,
-        )
-        frequency = topology.cycle_frequency(1000.0)
-        damping = loss_damping(at_hand.system) if lossy else 0.0
-        dense = state_space(system, meshes, frequency, parts, damping)
-        every = all_meshes(train)
-        columns = torques.load_columns(train, system, every, plan.torque_disks)
-        space = forced_space(system, parts, dense, columns)
-        if not traced(train):
-            space = in_pairs(space, _free_rotation(train, system, space))
-        notes: tuple[str, ...] = ()
-        if lossy:
-            notes = (
-                "loss factors damp each mode at its own frequency, and are no part of"
-                " the torques",
-            )
-        highest = at_hand.highest_hz if len(at_hand.own) else 0.0
-        return cls(train, values, system, space, highest, notes)
-
-    @property
-    def follows_loads(self) -> bool:
-        """Whether disks without inertia follow their loads at once."""
-        return bool(np.any(self.values.disks.inertia == 0))
-
-    def marching(self, plan: Plan, steps: Grid) -> tuple[Marching, Readings]:
-        """The :class:`Marching` and the :class:`Readings`."""
-        train = self.train
-        topology = train.topology
-        xp = namespace(train)
-        meshes = law_meshes(train)
-        harmonics = excitation.listed_harmonic(topology)
-        weights = [step_weights(self.space, h) for h in steps.lengths]
-        stacked: StepWeights = jax.tree.map(lambda *rows: xp.stack(rows), *weights)
-        lowest = float(plan.table.rpm.min())
-        highest = float(plan.table.rpm.max())
-        every = all_meshes(train)
-        errors = None
-        if every.error is not None:
-            errors = Errors(
-                every.error, every.law.stiffness, every.viscous, topology.law_index
-            )
-        marching = Marching(
-            weights=stacked,
-            observation=self.space.observation,
-            law=meshes.law,
-            viscous=meshes.viscous,
-            contact_damping=meshes.contact_damping,
-            variation=meshes.variation,
-            errors=errors,
-            torques=torques.torque_table(
-                plan.course.states(train),
-                plan.course.idle_states(train),
-                torques.panels(self.values, lowest, highest),
-                harmonics,
-                free=plan.free,
-            ),
-            disturbance=disturbance_of(train, plan.course),
-            revolutions=float(topology.revolutions_per_cycle),
-            keeps_loads=self.follows_loads,
-        )
-        system = self.system
-        disks = topology.n_disks
-        at_hand = Equations(self.values)
-        rotor = np.array(topology.rotor, dtype=int)
-        through = self.space.through
-        if not self.follows_loads:
-            through = through[:, :0]
-        readings = Readings(
-            displacement=self.space.motion[:disks],
-            velocity=self.space.motion[disks:],
-            displacement_of_loads=through[:disks],
-            velocity_of_loads=through[disks:],
-            radius=system.radius,
-            ratio=speed_ratios(train)[rotor],
-            ends=system.radius[system.tree.end_a],
-            bend=system.incidence().T,
-            stiffness=system.stiffness,
-            viscous=system.viscous,
-            meshes=meshes,
-            beside=at_hand.beside,
-        )
-        return marching, readings
-
-    def begin(self, start: Any, table: SpeedTable) -> Array:
-        """State ``(n,)`` of the motion at 0 s."""
-        first = float(table.rpm[0])
-        disks = self.train.topology.n_disks
-        if start is None:
-            start = "steady" if first > 0 else "rest"
-        if isinstance(start, str) and start == "steady":
-            if not first > 0:
-                raise SceneError(
-                    'transient: start is "steady", and the first speed is 0 rpm: start'
-                    ' from "rest", or from a speed above 0.'
-                )
-            start = steady_state(self.values, rpm=first)
-            if not start.known:
-                raise SceneError(
-                    f"transient: the steady motion at {first:g} rpm is unknown:"
-                    f' {" ".join(start.notes)}: start from "rest".'
-                )
-        if isinstance(start, str):
-            if start != "rest":
-                raise SceneError(
-                    f'transient: start is {start!r}: give "steady", "rest" or a motion.'
-                )
-            return 0 * self.space.coordinates[:, 0]
-        if isinstance(start, SteadyState | Response):
-            motion = motion_of(self.values, start)
-        else:
-            motion = start
-        if np.shape(motion) != (2 * disks,):
-            raise SceneError(
-                f"transient: start has the shape {np.shape(motion)}, must be"
-                f" ({2 * disks},): displacements and velocities of {disks} disks."
-            )
-        return self.space.coordinates @ motion
-
-
-def _free_rotation(
-    train: DriveTrain, system: System, space: ForcedSpace
-) -> FreeRotation | None:
-    """The :class:`FreeRotation` of a train that no ground holds and nothing brakes."""
-    rigid = rigid_shape(train, system.radius)
-    mass = np.asarray(system.mass * rigid)
-    coordinates = np.asarray(space.coordinates)
-    motion = np.asarray(space.motion)
-    braked = np.any(system.damping != 0) or np.any(system.ground != 0)
-    if braked:
-        return None
-    disks = len(rigid)
-    zero = 0 * rigid
-    inertia = mass @ rigid
-    return FreeRotation(
-        angle=coordinates @ np.concatenate([rigid, zero]),
-        speed=coordinates @ np.concatenate([zero, rigid]),
-        angle_row=mass @ motion[:disks] / inertia,
-        speed_row=mass @ motion[disks:] / inertia,
-    )
 
 
 @dataclass(frozen=True)
