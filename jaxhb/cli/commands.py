@@ -19,7 +19,6 @@ from jaxhb.report.compute import (
     Asked,
     answer_one,
     answer_speeds,
-    answer_values,
     check_designs,
 )
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
@@ -39,6 +38,7 @@ from jaxhb.report.text.tuned import (
     tuned_parts,
     tuned_record,
 )
+from jaxhb.report.value_sweep import answer_values
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
@@ -285,11 +285,6 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
         raise output.OutputError(
             f"--over: it sweeps one parameter at one speed, and --rpm names {len(rpm)}."
         )
-    if arguments.over and arguments.executor is not None:
-        raise output.OutputError(
-            "--over: each value starts from the motion of its neighbour. Leave out"
-            " --workers and --scheduler."
-        )
     train = misfire_trains(train, arguments)[""]
     question = Asked.of(arguments)
     axis = SPEED
@@ -331,9 +326,9 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
             question,
             direction=direction or "up",
             out=folder,
-            chunk=arguments.chunk,
             progress=progress.advance,
             on_answers=files.note,
+            executor=arguments.executor,
         )
 
     def left() -> str:
