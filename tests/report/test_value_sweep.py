@@ -115,15 +115,16 @@ def test_orbits_of_values_are_independent(pair):
 
 
 class LosingExecutor(Executor):
-    """Runs parts at once, and loses the second."""
+    """Runs parts at once, and loses one, the second by default."""
 
-    def __init__(self):
+    def __init__(self, lost=2):
+        self.lost = lost
         self.parts = 0
 
     def submit(self, function, /, *args):
         future = Future()
         self.parts += 1
-        if self.parts == 2:
+        if self.parts == self.lost:
             future.set_exception(jaxhb.WorkerLost("the worker process ended"))
         else:
             future.set_result(function(*args))
@@ -146,6 +147,20 @@ def test_a_value_that_kills_its_workers_is_one_without_an_answer(
     whole = sweep()[way]
     assert all(answer.known for answer in whole)
     assert digest(whole[::2]) == digest(answers[::2])
+
+
+def test_a_value_that_is_lost_on_the_way_from_its_neighbour_is_unknown(pair):
+    """The third part: the second value from the motion of the first."""
+    sweep = partial(
+        answer_values, pair, RPM, STIFFNESS, [1.8e8, 2e8], Asked(), direction="both"
+    )
+    answers = sweep(executor=LosingExecutor(3))
+    kinds = {
+        way: [answer.state.kind for answer in several]
+        for way, several in answers.items()
+    }
+    assert kinds == {"up": ["periodic", "unknown"], "down": ["periodic", "contact"]}
+    assert answers["up"][1].state.notes == ("the worker process ended",)
 
 
 @pytest.mark.parametrize("direction", ["up", "down"])
