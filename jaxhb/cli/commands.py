@@ -356,6 +356,7 @@ class _SweepFiles:
         self.axis = axis
         self.answers: dict[str, list[Answer]] = {}
         self.records: dict[int, tuple[Answer, bytes]] = {}
+        self.rows: dict[int, tuple[Answer, dict[str, Any]]] = {}
         self.both = arguments.direction == "both"
         # The highest that JSON lists; None: all.
         self.orders: float | None = arguments.orders or numbers.NO_ORDERS
@@ -445,12 +446,20 @@ class _SweepFiles:
 
     def _rows(self, answers: Mapping[str, list[Answer]]) -> output.Sheet:
         """One row per answer."""
-        rows = []
-        for way, several in answers.items():
-            for answer in several:
-                first = {} if self.axis == SPEED else {self.axis.label: answer.place}
-                rows.append(numbers.answer_row(answer, **first, direction=way))
+        rows = [
+            self._row(answer) | {"direction": way}
+            for way, several in answers.items()
+            for answer in several
+        ]
         return output.sheet(rows)
+
+    def _row(self, answer: Answer) -> dict[str, Any]:
+        """The row of an answer without its direction, made once."""
+        if id(answer) not in self.rows:
+            first = {} if self.axis == SPEED else {self.axis.label: answer.place}
+            row = numbers.answer_row(answer, **first, direction=None)
+            self.rows[id(answer)] = (answer, row)
+        return self.rows[id(answer)][1]
 
     def _dataset(self, answers: Mapping[str, list[Answer]]) -> Dataset:
         """The labelled arrays."""
