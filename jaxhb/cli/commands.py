@@ -19,7 +19,6 @@ from jaxhb.report.compute import (
     Asked,
     answer_one,
     answer_speeds,
-    answer_values,
     check_designs,
 )
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
@@ -39,6 +38,7 @@ from jaxhb.report.text.tuned import (
     tuned_parts,
     tuned_record,
 )
+from jaxhb.report.value_sweep import answer_values
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
@@ -285,11 +285,6 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
         raise output.OutputError(
             f"--over: it sweeps one parameter at one speed, and --rpm names {len(rpm)}."
         )
-    if arguments.over and arguments.executor is not None:
-        raise output.OutputError(
-            "--over: each value starts from the motion of its neighbour. Leave out"
-            " --workers and --scheduler."
-        )
     train = misfire_trains(train, arguments)[""]
     question = Asked.of(arguments)
     axis = SPEED
@@ -331,9 +326,9 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
             question,
             direction=direction or "up",
             out=folder,
-            chunk=arguments.chunk,
             progress=progress.advance,
             on_answers=files.note,
+            executor=arguments.executor,
         )
 
     def left() -> str:
@@ -361,6 +356,7 @@ class _SweepFiles:
         self.axis = axis
         self.answers: dict[str, list[Answer]] = {}
         self.records: dict[int, tuple[Answer, bytes]] = {}
+        self.rows: dict[int, tuple[Answer, dict[str, Any]]] = {}
         self.both = arguments.direction == "both"
         # The highest that JSON lists; None: all.
         self.orders: float | None = arguments.orders or numbers.NO_ORDERS
@@ -450,12 +446,20 @@ class _SweepFiles:
 
     def _rows(self, answers: Mapping[str, list[Answer]]) -> output.Sheet:
         """One row per answer."""
-        rows = []
-        for way, several in answers.items():
-            for answer in several:
-                first = {} if self.axis == SPEED else {self.axis.label: answer.place}
-                rows.append(numbers.answer_row(answer, **first, direction=way))
+        rows = [
+            self._row(answer) | {"direction": way}
+            for way, several in answers.items()
+            for answer in several
+        ]
         return output.sheet(rows)
+
+    def _row(self, answer: Answer) -> dict[str, Any]:
+        """The row of an answer without its direction, made once."""
+        if id(answer) not in self.rows:
+            first = {} if self.axis == SPEED else {self.axis.label: answer.place}
+            row = numbers.answer_row(answer, **first, direction=None)
+            self.rows[id(answer)] = (answer, row)
+        return self.rows[id(answer)][1]
 
     def _dataset(self, answers: Mapping[str, list[Answer]]) -> Dataset:
         """The labelled arrays."""

@@ -1,5 +1,5 @@
-"""The answers of the command line: at one speed, at many, over values of a number, with
-misfires, of tuned designs.
+"""The answers of the command line: at one speed, at many, with misfires, of tuned
+designs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import QUANTITIES, label
 from jaxhb.floquet.stability import Stability, tendency
-from jaxhb.report.answer import UNCONFIRMED, Answer, Case, SweepAxis
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
 from jaxhb.results.checkpoint import Cached
+from jaxhb.results.response import Response
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.solutions.speeds import solve_speeds
@@ -64,18 +65,11 @@ def answer_one(
     rpm: float,
     options: Asked,
     say: Callable[[str], None] = lambda text: None,
-    *,
-    start: SteadyState | None = None,
-    out: Path | Cached | None = None,
 ) -> Answer:
-    """Compute the :class:`Answer` at one speed, with a bound if asked for.
-
-    ``start`` is the SteadyState of a neighbour from which the motion starts; the other
-    arguments are those of :func:`answer_speeds`.
+    """Compute the :class:`Answer` at one speed from teeth in contact, with a bound if
+    asked for; arguments are those of :func:`answer_speeds`.
     """
-    ((answer,),) = answer_speeds(
-        train, [rpm], options, start=start, out=out, say=say
-    ).values()
+    ((answer,),) = answer_speeds(train, [rpm], options, say=say).values()
     return (
         dataclasses.replace(answer, certificate=certificate_of(answer, say))
         if options.certify
@@ -89,7 +83,6 @@ def answer_speeds(
     options: Asked,
     *,
     direction: Direction = "up",
-    start: SteadyState | None = None,
     out: Path | Cached | None = None,
     chunk: int | None = None,
     progress: Callable[[int], object] | None = None,
@@ -106,9 +99,7 @@ def answer_speeds(
     """
     speeds = np.array(rpm, dtype=float)
     about = "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    # A train of constant links is its own linear train, whose programs are at hand.
-    linear_train = linearised(train) if train.topology.has_law.any() else train
-    linear = solve_speeds(linear_train, rpm=speeds)
+    linear = linear_responses(train, speeds)
     closed: list[SteadyState | None] = [None] * len(speeds)
     if linear[0].status != Status.UNBALANCED:
         closed = _closed_states(
@@ -125,7 +116,7 @@ def answer_speeds(
     def answer(place: int, state: SteadyState) -> Answer:
         # A speed that does the same upwards and downwards has one state and one answer.
         if id(state) not in answer_of_state:
-            stability, undecided = _stability_of(state)
+            stability, undecided = stability_of(state)
             answer_of_state[id(state)] = Answer(
                 train,
                 state,
@@ -164,26 +155,12 @@ def answer_speeds(
         states_by_way = {"orbit": orbits}
     elif linear[0].status == Status.UNBALANCED:
         # The train gains speed, whatever its vibration: its linear motion tells that
-        # there is no steady one.
+        # there is no steady one, and wherever it starts, as its topology has no law.
         unbalanced = [
             dataclasses.replace(orbit_state(linear[place]), response=None)
             for place in range(len(speeds))
         ]
         states_by_way = dict.fromkeys(WAYS.get(direction, [direction]), unbalanced)
-    elif start is not None:
-        say(f"marching until the motion settles at {about}")
-        state = steady_state(
-            train,
-            rpm=speeds[0],
-            start=start,
-            harmonics=options.harmonics,
-            tolerance=options.tolerance,
-            out=out,
-            chunk=chunk,
-            progress=progress,
-            on_states=note,
-        )
-        states_by_way = {direction: [state]}
     else:
         say(f"marching until the motion settles at {about}")
         sweeps = steady_state(
@@ -207,6 +184,13 @@ def answer_speeds(
         way: [answer(place, state) for place, state in enumerate(states)]
         for way, states in states_by_way.items()
     }
+
+
+def linear_responses(train: DriveTrain, rpm: Sequence[float] | np.ndarray) -> Response:
+    """Compute the response of the linear train with all teeth in contact at speeds."""
+    # A train of constant links is its own linear train, whose programs are at hand.
+    linear_train = linearised(train) if train.topology.has_law.any() else train
+    return solve_speeds(linear_train, rpm=rpm)
 
 
 def _closed_states(
@@ -244,7 +228,7 @@ def _closed_states(
     return list(sweep.states)
 
 
-def _stability_of(state: SteadyState) -> tuple[Stability | None, str]:
+def stability_of(state: SteadyState) -> tuple[Stability | None, str]:
     """The Stability of a steady state or orbit, None where it is not decided; and the
     sentence that says why.
     """
@@ -254,52 +238,6 @@ def _stability_of(state: SteadyState) -> tuple[Stability | None, str]:
         return cast(Stability, state.stability), ""
     decided = tendency(state.response)
     return decided.stability, "" if state.linear else decided.refusal
-
-
-def answer_values(
-    train: DriveTrain,
-    rpm: float,
-    axis: SweepAxis,
-    values: Sequence[float],
-    options: Asked,
-    *,
-    direction: Direction = "up",
-    out: Path | Cached | None = None,
-    chunk: int | None = None,
-    progress: Callable[[int], object] | None = None,
-    on_answers: Callable[[Answers], object] | None = None,
-) -> Answers:
-    """Compute answers at one speed for many ``values`` of a :class:`SweepAxis`, each
-    from the motion of its neighbour.
-
-    Arguments are those of :func:`answer_speeds`; values are computed one by one,
-    whatever the ``chunk``.
-    """
-    order = np.argsort(values, kind="stable")
-    answers_by_way: dict[str, dict[int, Answer]] = {}
-
-    def in_order() -> Answers:
-        return {
-            way: [answers[place] for place in sorted(answers)]
-            for way, answers in answers_by_way.items()
-        }
-
-    for way in ["orbit"] if options.orbit else WAYS.get(direction, [direction]):
-        answers = answers_by_way.setdefault(way, {})
-        start = None
-        for place in order[::-1] if way == "down" else order:
-            changed = train.replace({axis.name: values[place]})
-            value = float(values[place])
-            folder = out / f"{way} {place}" if out else None
-            answer = answer_one(changed, rpm, options, start=start, out=folder)
-            answers[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
-            # A motion that is not known is nothing to start from.
-            start = answer.state if answer.state.motion is not None else None
-            if progress:
-                progress(1)
-            if on_answers:
-                on_answers(in_order())
-    return in_order()
 
 
 def solve_cases(

@@ -23,7 +23,7 @@ import jax
 import numpy as np
 
 from jaxhb import __version__
-from jaxhb._executors import in_parts
+from jaxhb._executors import WorkerLost, in_parts
 from jaxhb._files import clear_parts, write_whole
 from jaxhb._private import NotPrivate, PrivateFolder, read_private
 from jaxhb._store import blake2, package_hash
@@ -240,14 +240,25 @@ def answered_parts(
     parts: Sequence[Sequence[Any]],
     executor: Executor | None,
     note: Callable[[Answer], object] = lambda answer: None,
+    lost: Callable[[int, WorkerLost], Answer] | None = None,
 ) -> Generator[tuple[int, Answer]]:
     """Yield the number and the answer of parts of a work, as they come: those in the
     folder of a Checkpoint first, then ``function(*part)`` of the others, by an executor
     or in this process.
 
-    ``note`` is called with an answer that this process does not compute.
+    ``note`` is called with an answer that this process does not compute; ``lost`` is
+    that of :func:`in_parts`, and what it gives is not written: the part is tried again
+    when the work goes on.
     """
-    missing = []
+    missing: list[int] = []
+    given_up: set[int] = set()
+
+    def give_up(place: int, failure: WorkerLost) -> Answer:
+        if lost is None:
+            raise failure
+        given_up.add(missing[place])
+        return lost(missing[place], failure)
+
     for number, question in enumerate(questions):
         answer = None if checkpoint is None else checkpoint.find(question)
         if answer is None:
@@ -255,12 +266,13 @@ def answered_parts(
         else:
             note(answer)
             yield number, answer
-    computed_parts = in_parts(function, (parts[number] for number in missing), executor)
+    missing_parts = (parts[number] for number in missing)
+    computed_parts = in_parts(function, missing_parts, executor, give_up)
     for place, answer in computed_parts:
         number = missing[place]
         if executor is not None:
             note(answer)
-        if checkpoint is not None:
+        if checkpoint is not None and number not in given_up:
             checkpoint.write(questions[number], answer)
         yield number, answer
 

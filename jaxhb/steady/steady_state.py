@@ -4,10 +4,9 @@ several cycles, or none.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
@@ -17,21 +16,14 @@ import numpy as np
 from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.program import solve_batches
-from jaxhb.balance.swept import difference
 from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint, answered_parts
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
 from jaxhb.solutions.planning import plan_speeds
-from jaxhb.steady.classification import (
-    APART,
-    ARRIVED,
-    Classifier,
-    motion_of,
-    state_of,
-    unknown,
-)
+from jaxhb.steady.classification import Classifier, motion_of, state_of, unknown
 from jaxhb.steady.closure import Cycles
+from jaxhb.steady.neighbours import Start, settle_along
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -202,9 +194,8 @@ def steady_state(
     request = Request.of(train, harmonics, tolerance, few_levels=True)
     cycles = cycles or Cycles()
     plans = plan_speeds(train, speeds, request)
-    apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
     classifier = Classifier(
-        train, speeds, request, exact, cycles, tuple(devices), apart=apart
+        train, speeds, request, exact, cycles, tuple(devices), apart=_apart(plans)
     )
     checkpoint = None
     if out is not None:
@@ -235,12 +226,31 @@ def steady_state(
     return sweeps[direction]
 
 
-@dataclass(frozen=True)
-class SpeedStart:
-    """Motion (x, x') ``(2S,)`` from which a speed starts, and its own speed in rpm."""
+def state_from(
+    train: DriveTrain,
+    rpm: float,
+    start: Start,
+    at_hand: SteadyState,
+    *,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+) -> SteadyState:
+    """Steady state of a train at one speed from a motion of its neighbour, of another
+    train perhaps; ``at_hand`` is that from teeth in contact.
+    """
+    request = Request.of(train, harmonics, tolerance, few_levels=True)
+    speeds = np.array([rpm], dtype=float)
+    apart = _apart(plan_speeds(train, speeds, request))
+    classifier = Classifier(
+        train, speeds, request, True, Cycles(), apart=apart, states={0: at_hand}
+    )
+    states = classifier.states_from([0], {0: start.motion})
+    return replace(states[0], started_from=start.rpm)
 
-    motion: np.ndarray
-    rpm: float
+
+def _apart(plans: Sequence[Plan]) -> set[int]:
+    """Indices of speeds at which the linear motion separates teeth."""
+    return {index for index, plan in enumerate(plans) if plan.active and plan.marches}
 
 
 class _SpeedSweep:
@@ -272,7 +282,7 @@ class _SpeedSweep:
         self.start = (
             None
             if start is None
-            else SpeedStart(motion_of(self.train, start), float(start.rpm))
+            else Start(motion_of(self.train, start), float(start.rpm))
         )
         # Responses of the speeds at which the linear motion holds the teeth in contact,
         # by index
@@ -299,7 +309,7 @@ class _SpeedSweep:
     def chunk_by_chunk(
         self,
         indices: Sequence[int] | np.ndarray,
-        starts: Mapping[int, SpeedStart],
+        starts: Mapping[int, Start],
         progress: Callable[[int], object],
     ) -> dict[int, SteadyState]:
         """Steady states of some speeds by index, marched in chunks, from ``starts`` by
@@ -372,49 +382,34 @@ class _SpeedSweep:
         states |= self.chunk_by_chunk(marching, {}, self.progress)
 
     def along(self, order: Sequence[int] | np.ndarray) -> dict[int, SteadyState]:
-        """Steady states by index, each reached from the one before it in ``order``.
-
-        Speeds that may have another motion from there are marched side by side, again
-        where the one before changed.
-        """
+        """Steady states by index, each reached from the one before it in ``order``."""
         from_contact = self.classifier.states
         self._from_contact(
             [index for index in range(len(self.speeds)) if index not in from_contact]
         )
-        states = dict(from_contact)
-        reached_from: dict[int, SteadyState] = {}
+        begun = {}
         if self.start is not None:
-            states |= self.chunk_by_chunk(
+            begun = self.chunk_by_chunk(
                 order[:1], {order[0]: self.start}, lambda count: None
             )
-        while True:
-            starts = {}
-            for last, index in itertools.pairwise(order):
-                before = states[last]
-                if reached_from.get(index) is before:
-                    continue
-                reached_from[index] = before
-                if before.motion is not None and _differs(before, from_contact[index]):
-                    starts[index] = SpeedStart(before.motion, before.rpm)
-                else:
-                    states[index] = from_contact[index]
-            if not starts:
-                # A speed marched from its neighbour was reported before it was compared
-                # with the states at hand.
-                changed = {
-                    index: state
-                    for index, state in states.items()
-                    if self._reported.get((self.way, index)) is not state
-                }
-                self.report(changed)
-                return states
-            marched = self.chunk_by_chunk(list(starts), starts, lambda count: None)
-            for index, state in marched.items():
-                at_hand = from_contact[index], states[index]
-                same = (other for other in at_hand if _alike(state, other))
-                states[index] = next(same, None) or _with_note(
-                    state, from_contact[index]
-                )
+        states = settle_along(
+            order,
+            from_contact,
+            lambda starts: self.chunk_by_chunk(
+                list(starts), starts, lambda count: None
+            ),
+            lambda index: f"{self.speeds[index]:g} rpm",
+            begun,
+        )
+        # A speed marched from its neighbour was reported before it was compared with
+        # the states at hand.
+        changed = {
+            index: state
+            for index, state in states.items()
+            if self._reported.get((self.way, index)) is not state
+        }
+        self.report(changed)
+        return states
 
     def _contact(self, index: int) -> SteadyState:
         """The steady state of teeth in contact."""
@@ -442,61 +437,3 @@ def _march(
     """Steady states of a chunk of speeds, as :meth:`Classifier.states_from`."""
     states = classifier.states_from(indices, motions, progress)
     return [states[index] for index in indices]
-
-
-def _kind(state: SteadyState) -> tuple[str, int]:
-    """Kind and period of a steady state."""
-    return state.kind, state.period
-
-
-def _with_note(state: SteadyState, other: SteadyState) -> SteadyState:
-    """A steady state with a note that it is not the ``other`` one, to which teeth come
-    from rest on their drive sides.
-    """
-    motion = (
-        "another motion"
-        if _kind(other) == _kind(state)
-        else f"a motion that is {other.kind}"
-    )
-    note = (
-        "several motions are possible: this one was reached from that at"
-        f" {state.started_from:g} rpm, and from rest on their drive sides the teeth"
-        f" come to {motion}"
-    )
-    if not (other.known and state.known):
-        return state
-    return replace(state, notes=(*state.notes, note))
-
-
-def _differs(before: SteadyState, state: SteadyState) -> bool:
-    """Whether a speed may have another motion when it starts from the one before."""
-    if not state.topology.has_law.any():  # constant links have one motion, or none
-        return False
-    return _kind(before) != _kind(state) or (
-        not state.linear and _distance(before, state) > APART
-    )
-
-
-def _alike(state: SteadyState, other: SteadyState) -> bool:
-    """Whether two steady states of one speed are the same motion."""
-    most = APART if state.kind == "irregular" else ARRIVED
-    return _kind(state) == _kind(other) and _distance(state, other) <= most
-
-
-def _distance(state: SteadyState, other: SteadyState) -> float:
-    """Relative difference of two steady states of one kind: of their motions over a
-    period, or of the largest deflections of records.
-    """
-    if not state.known:
-        return 0.0
-    if state.response is not None and other.response is not None:
-        return difference(
-            state.response.deflections,
-            other.response.deflections,
-            max(state.period, 1),
-        )
-    names = state.topology.mesh_names
-    peaks = np.array([float(state.deflection(name).peak) for name in names])
-    other_peaks = np.array([float(other.deflection(name).peak) for name in names])
-    largest = np.maximum(np.maximum(peaks, other_peaks), 1e-300)
-    return float((np.abs(peaks - other_peaks) / largest).max(initial=0.0))

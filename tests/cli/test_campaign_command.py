@@ -68,10 +68,6 @@ FAULTS = {
     "--workers and --scheduler exclude each other": (
         "campaign STUDY --workers 2 --scheduler tcp://127.0.0.1:1"
     ),
-    "--over: each value starts from the motion of its neighbour": (
-        "sweep spur_pair --rpm 2000 --workers 1"
-        " --over 'gear a|gear b.backlash=5e-5:2e-4:4'"
-    ),
     "'0' must be a whole number of at least 1": "campaign STUDY --workers 0",
     "there is no such file": "campaign nothing.toml",
     "--json: there is no folder": "campaign STUDY --json nowhere/a.json",
@@ -91,6 +87,8 @@ def test_what_workers_cannot_do_is_told(study, run, sentence):
     [
         "sweep spur_pair --rpm 1000:5000:9 --chunk 3",
         "sweep spur_pair --rpm 1000:5000:9 --chunk 3 --orbit",
+        "sweep spur_pair --rpm 4600 --direction both"
+        " --over 'gear a|gear b.stiffness=1.6e8:2.4e8:5'",
         "report spur_pair --rpm 1000,3000",
         f"tolerance {DATA / 'scenes' / 'toleranced_pair.toml'} --rpm 900,1200 --samples 8",
     ],
