@@ -144,7 +144,7 @@ from .train.kinematics import (
 )
 
 __version__: str
-from .transients.fatigue import SNCurve as SNCurve
+from .transients.fatigue import CountedCycles as CountedCycles, SNCurve as SNCurve
 from .transients.history import (
     Envelope as Envelope,
     History as History,

@@ -175,6 +175,11 @@ CALLS = {
         jnp.sum(v) for v in jax.tree.leaves(jaxhb.tooth_damping_ratios(pair(x)))
     ),
     "torsional_stress": lambda x: jaxhb.torsional_stress(x, diameter=0.1),
+    "transient": lambda x: (
+        jaxhb.transient(shaft(x), seconds=0.01, speed=600.0, start="rest")
+        .torque("a", "b")
+        .max
+    ),
     "tune": lambda x: (
         jaxhb.tune(shaft(x), parameters=[STIFFNESS], rpm=[40.0], objective=TORQUE).after
     ),

@@ -15,7 +15,7 @@ from jaxhb.transients.history import History
 
 @by_value
 @dataclass(frozen=True)
-class Cycles:
+class CountedCycles:
     """Counted cycles, largest range first: ranges (largest less smallest value), means
     and counts, 0.5 of a half cycle, each ``(n,)``; begin and end ``(n,)``: instants
     between which a cycle lies, by their number.
@@ -93,7 +93,7 @@ def _concrete(values: Array) -> np.ndarray:
     return np.asarray(stopped)
 
 
-def count_cycles(history: History) -> Cycles:
+def count_cycles(history: History) -> CountedCycles:
     """Cycles of a signal by the rainflow method of ASTM E1049-85, with the package
     rainflow.
 
@@ -118,7 +118,7 @@ def count_cycles(history: History) -> Cycles:
     begin = np.array([row[3] for row in rows], dtype=int)
     end = np.array([row[4] for row in rows], dtype=int)
     xp = namespace(values)
-    return Cycles(
+    return CountedCycles(
         ranges=xp.abs(values[begin] - values[end]),
         means=(values[begin] + values[end]) / 2,
         counts=np.array([row[2] for row in rows], dtype=float),
@@ -127,7 +127,7 @@ def count_cycles(history: History) -> Cycles:
     )
 
 
-def damage_of(cycles: Cycles, curve: SNCurve) -> Any:
+def damage_of(cycles: CountedCycles, curve: SNCurve) -> Any:
     """Damage of counted cycles by the sum of Palmgren and Miner, ``sum n_i / N(S_i)``
     with the amplitude ``S_i`` half of the range; 1 is the end of the life.
     """

@@ -13,6 +13,7 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Array, namespace, refuse_tracers
 from jaxhb._shown import number
+from jaxhb.equations import fourier
 from jaxhb.results.signal import p_norm
 
 
@@ -236,7 +237,8 @@ class History:
         values = np.interp(angles, turned[moving], np.asarray(self.values)[moving])
         middles = begins + revolutions / 2
         window = np.hanning(samples + 1)[:-1]
-        spectrum = np.fft.rfft(values * window, axis=1) / window.sum()
+        weighted = values * (window * samples / window.sum())
+        spectrum = np.asarray(fourier.analyze(weighted, samples // 2))
         orders = np.arange(spectrum.shape[1]) / revolutions
         shown = orders <= highest
         one_sided = np.where(orders > 0, 2.0, 1.0)

@@ -15,7 +15,7 @@ from jaxhb.equations import backlash
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
-from jaxhb.transients.fatigue import Cycles, SNCurve, count_cycles, damage_of
+from jaxhb.transients.fatigue import CountedCycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
 
 
@@ -128,7 +128,7 @@ class Transient(Motion[History, ToothContact, Array]):
         share = xp.where(still, xp.where(inside, 1.0, 0.0), shares[1] - shares[0])
         return (share * np.diff(self.time)).sum()
 
-    def cycles(self, signal: History) -> Cycles:
+    def cycles(self, signal: History) -> CountedCycles:
         """Cycles of a signal, counted by rainflow
         (:func:`jaxhb.transients.fatigue.count_cycles`).
         """
