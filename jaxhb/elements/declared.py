@@ -106,6 +106,7 @@ HARMONICS = ("order", "Re", "Im")
 PRESSURE = ("angle", "pressure")
 OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
+SN_CURVE = ("cycles", "stress")
 """Columns of rows."""
 
 

@@ -15,6 +15,7 @@ from jaxhb.elements.declared import (
     OVER_AMPLITUDE,
     OVER_HZ,
     OVER_RPM,
+    SN_CURVE,
     TWISTS,
     choice,
     cross_size,
@@ -99,7 +100,9 @@ class Shaft(Spring):
     form in IACS UR M68 (``stress_concentration``, 1 for an integral flange, less for
     what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose
     limits hold (C_K is of M68 alone, ``yield_strength`` of the others), and
-    ``power_limit``, the heat that it can give off.
+    ``power_limit``, the heat that it can give off. Of transients alone, ``sn_curve`` =
+    rows of (cycles, amplitude of the nominal torsional stress in Pa that it bears so
+    often), from the standard or test that ``sn_source`` names.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -128,6 +131,8 @@ class Shaft(Spring):
     )
     rule: str = choice(*RULES)
     power_limit: float | None = positive("W", None)
+    sn_curve: tuple = rows(SN_CURVE)
+    sn_source: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)

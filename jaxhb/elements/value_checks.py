@@ -5,11 +5,12 @@ limits need, laws of meshes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import OVER_RPM, fields_of
+from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of
 from jaxhb.elements.elements import LOAD_LAWS, OF_PERIOD, Damper, Load, Mesh, Shaft
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
@@ -41,6 +42,7 @@ def shaft_errors(shaft: Shaft) -> list[str]:
         _stiffness_errors(shaft)
         + _damping_errors(shaft)
         + _section_errors(shaft)
+        + _curve_errors(shaft)
         + _spring_errors(shaft)
     )
 
@@ -357,6 +359,34 @@ def _section_errors(shaft: Shaft) -> list[str]:
         for key in (() if rule is None else rule.unread)
         if getattr(shaft, key) is not None
     ]
+    return texts
+
+
+def _curve_errors(shaft: Shaft) -> list[str]:
+    """Check the S-N curve of a shaft, its source and the section that it needs."""
+    if not is_present(shaft.sn_curve):
+        if shaft.sn_source is None:
+            return []
+        return ["sn_source is given without sn_curve. Give the rows, or leave it out."]
+    texts = []
+    if shaft.sn_source is None:
+        texts.append(
+            "sn_curve is given without sn_source. Name the standard or test that it is"
+            " of."
+        )
+    if shaft.diameter is None and shaft.outer is None:
+        texts.append(
+            "sn_curve is given without diameter. Give the diameter (or outer) in m."
+        )
+    if row_errors("sn_curve", SN_CURVE, shaft.sn_curve):
+        return texts
+    cycles, stresses = zip(*shaft.sn_curve, strict=True)
+    falling = all(after < before for before, after in pairwise(stresses))
+    if len(cycles) < 2 or not (falling and min(*cycles, *stresses) > 0):
+        texts.append(
+            "sn_curve must be two rows or more of cycles and Pa, all greater than 0,"
+            " the stresses falling. Correct the rows."
+        )
     return texts
 
 

@@ -96,6 +96,11 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, str]] = {
         "a text",
         "the name of a cylinder",
     ),
+    "text": (
+        lambda value: isinstance(value, str) and 0 < len(value) <= LONGEST_NAME,
+        _NAME,
+        "a text",
+    ),
     "flag": (lambda value: isinstance(value, bool), "true or false", "a value"),
     "list": (lambda value: is_list(value), "a list", "a list"),
 }

@@ -154,6 +154,51 @@ def to_xarray(
     )
 
 
+def trace_to_xarray(motion: Any, time: Array, rpm: Array, angle: Array) -> Dataset:
+    """Data set (:meth:`jaxhb.Transient.to_xarray`) of the signals of a motion at
+    instants ``(n,)`` s, with the speed in rpm and the rotation in rad of the reference
+    rotor.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise ImportError(
+            'labelled arrays need xarray. Install it: pip install "jaxhb[data]"'
+        ) from None
+    topology = motion.topology
+    # NetCDF has no empty dimension.
+    names = {dim: labels for dim, labels in names_of(topology).items() if labels}
+    variables = {}
+    for name, vibration in VIBRATIONS.items():
+        if name == "acceleration" or vibration.element not in names:
+            continue  # a transient has no accelerations
+        signals = [vibration.read(motion, each) for each in names[vibration.element]]
+        values = np.stack([np.asarray(signal.values) for signal in signals], axis=1)
+        attributes = {"long_name": vibration.meaning, "units": vibration.unit}
+        variables[name] = (("time", vibration.element), values, attributes)
+    reference = {
+        "time": (time, "s", "time"),
+        "rpm": (rpm, "rpm", "speed of the reference rotor"),
+        "rotation": (angle, "rad", "angle that the reference rotor has turned"),
+    }
+    coordinates: dict[str, Any] = {
+        name: ("time", np.asarray(values), {"units": unit, "long_name": meaning})
+        for name, (values, unit, meaning) in reference.items()
+    }
+    worked = {vibration.element for vibration in VIBRATIONS.values()}
+    coordinates |= {
+        dim: np.array(labels, dtype=str)
+        for dim, labels in names.items()
+        if dim in worked
+    }
+    about = {
+        "scene": topology.name,
+        "revolutions_per_cycle": float(topology.revolutions_per_cycle),
+        "source": f"jaxhb {__version__}",
+    }
+    return xarray.Dataset(variables, coordinates, about)
+
+
 def _numbers(
     motion: Any, topology: Topology
 ) -> tuple[dict[str, Any], dict[str, Spectrum]]:

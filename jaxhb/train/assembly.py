@@ -377,6 +377,10 @@ def _topology(
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
         shaft_rules=tuple(shaft.rule for shaft in elements["shaft"]),
+        shaft_curves=tuple(
+            (_curve(shaft.sn_curve), shaft.sn_source or "")
+            for shaft in elements["shaft"]
+        ),
         mesh_ends=mesh_ends,
         mesh_periods=tuple(periods),
         mesh_internal=tuple(mesh.kind == "internal" for mesh in meshes),
@@ -422,6 +426,11 @@ def _topology(
         ),
         **fields,
     )
+
+
+def _curve(rows: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Rows of a S-N curve as a topology holds them."""
+    return tuple(tuple(map(float, row)) for row in rows)
 
 
 def _event_seats(parts: checks.Parts) -> Iterator[EventSeat]:

@@ -39,7 +39,8 @@ class Topology:
     beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
     "friction", row). ``load_law`` names the law of each load over the speed, "over_rpm"
     with ``load_points`` rows, "" without one. ``events`` are those of transients.
-    ``shaft_rules`` name the limits of each shaft. ``phase_members`` are the elements of
+    ``shaft_rules`` name the limits of each shaft, ``shaft_curves`` are the rows of its
+    S-N curve and their source. ``phase_members`` are the elements of
     each kind of excitation that each phase turns, ``phase_turn`` the harmonics of the
     cycle per order of their rotor. ``link_keys`` names for each
     link which of the keys that may be absent it has; empty where no link has any.
@@ -81,6 +82,7 @@ class Topology:
     load_law: tuple[str, ...] = ()
     load_points: tuple[int, ...] = ()
     shaft_rules: tuple[str, ...] = ()
+    shaft_curves: tuple[tuple[tuple[tuple[float, ...], ...], str], ...] = ()
     phase_names: tuple[str, ...] = ()
     phase_members: tuple[tuple[tuple[int, ...], ...], ...] = ()
     phase_turn: tuple[float, ...] = ()

@@ -205,6 +205,28 @@ class History:
         middles = (time[begins] + time[ends]) / 2
         return Envelope(middles, np.interp(middles, time, self.rpm), highest, lowest)
 
+    def envelope_of_cycles(self, revolutions: float) -> Envelope:
+        """Largest and smallest value in windows of so many revolutions of the
+        reference rotor, which overlap by half.
+        """
+        refuse_tracers("envelope_of_cycles", self.values, host=True)
+        if not revolutions > 0:
+            raise ValueError(f"revolutions are {revolutions:g}, must be greater than 0")
+        turned = np.asarray(self.angle) / (np.pi * revolutions)
+        halves = np.floor(turned - turned[0] + 1e-9)
+        begins = np.flatnonzero(np.diff(halves, prepend=-1.0))
+        highest = np.maximum.reduceat(vertices(np.asarray(self.values)), begins)
+        lowest = -np.maximum.reduceat(vertices(-np.asarray(self.values)), begins)
+        time = np.asarray(self.time)
+        ends = np.append(begins[1:], len(time) - 1)
+        if len(begins) == 1:
+            middles = (time[begins] + time[ends]) / 2
+        else:
+            middles = time[begins[1:]]
+            highest = np.maximum(highest[:-1], highest[1:])
+            lowest = np.minimum(lowest[:-1], lowest[1:])
+        return Envelope(middles, np.interp(middles, time, self.rpm), highest, lowest)
+
     def order_map(
         self,
         *,

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
 from jaxhb._equal import by_value
-from jaxhb._jax import Array, namespace
-from jaxhb._shown import number
+from jaxhb._jax import Array, namespace, refuse_tracers
+from jaxhb._shown import html_table, number
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import MeshParameters
+from jaxhb.linear.strength import having, stress_of
+from jaxhb.results.dataset import trace_to_xarray
 from jaxhb.results.motion import Motion
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 from jaxhb.transients.fatigue import CountedCycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
+
+if TYPE_CHECKING:
+    from jaxhb.results.dataset import Dataset
 
 
 @by_value
@@ -24,7 +30,9 @@ from jaxhb.transients.history import History
 class ToothContact:
     """Contact of one mesh over a transient: seconds with the teeth separated and on
     the flank that does not drive, entries from separation to contact, largest approach
-    speed of an entry in m/s, and the sign of the mean force.
+    speed of an entry in m/s, and the sign of the mean force; and the time in s of the
+    first separation, entry and contact on the flank that does not drive, nan of what
+    does not happen.
     """
 
     separated: float
@@ -32,6 +40,9 @@ class ToothContact:
     impacts: int
     hardest_impact: float
     drive_side: int
+    first_separation: float = np.nan
+    first_impact: float = np.nan
+    first_reverse_contact: float = np.nan
 
     @property
     def troubles(self) -> tuple[str, ...]:
@@ -88,6 +99,7 @@ class Transient(Motion[History, ToothContact, Array]):
     """
 
     topology: Topology = field(repr=False)
+    train: DriveTrain = field(repr=False)
     time: Array = field(repr=False)
     rpm: Array = field(repr=False)
     angle: Array = field(repr=False)
@@ -105,6 +117,80 @@ class Transient(Motion[History, ToothContact, Array]):
             f"<Transient of {self.topology.title}: {number(float(self.time[-1]))} s,"
             f" {number(float(speeds.min()))} to {number(float(speeds.max()))} rpm>"
         )
+
+    def _repr_html_(self) -> str:
+        topology = self.topology
+        rows = []
+        for name in topology.link_names:
+            toothed = name in topology.mesh_names
+            signal = self.force(name) if toothed else self.torque(name)
+            numbers = (
+                signal.max,
+                signal.min,
+                signal.time_of_peak,
+                signal.rpm_of_peak,
+            )
+            cells = [number(float(value)) for value in numbers]
+            apart = number(self.mesh(name).separated) if toothed else ""
+            rows.append([name, *cells, "N" if toothed else "N m", apart])
+        head = [
+            "shaft, damper or mesh",
+            "max",
+            "min",
+            "peak at s",
+            "at rpm",
+            "unit",
+            "separated s",
+        ]
+        return html_table(repr(self)[1:-1], head, rows)
+
+    def stress(self, a: str, b: str | None = None) -> History:
+        """Nominal torsional stress of a shaft in Pa, its torque over W_p of its
+        section (:func:`jaxhb.torsional_stress`).
+
+        ValueError where the scene gives neither ``diameter`` nor ``outer``.
+        """
+        link, _ = self.topology.link_index(a, b)
+        name = self.topology.link_names[link]
+        if name not in having(self.topology, "shaft", "outer", "diameter"):
+            raise ValueError(
+                f"stress: {name!r} has no section: give the shaft a diameter (or outer)"
+            )
+        torque = self.torque(a, b)
+        return replace(
+            torque,
+            values=stress_of(self.train, name, torque.values),
+            elastic_values=stress_of(self.train, name, torque.elastic.values),
+        )
+
+    def sn_curve(self, a: str, b: str | None = None) -> SNCurve:
+        """S-N curve of a shaft by its ``sn_curve``, over the amplitude of the stress in
+        Pa; ValueError where the scene gives none.
+        """
+        link, _ = self.topology.link_index(a, b)
+        curves = self.topology.shaft_curves
+        points, source = curves[link] if link < len(curves) else ((), "")
+        if not points:
+            name = self.topology.link_names[link]
+            raise ValueError(
+                f"sn_curve: {name!r} has none: give the shaft an sn_curve and its"
+                " sn_source"
+            )
+        return SNCurve(points, source)
+
+    def to_xarray(self) -> Dataset:
+        """Signals of all elements along ``time`` as a data set of xarray, with ``rpm``
+        and ``rotation`` of the reference rotor; needs ``jaxhb[data]``.
+
+        >>> import jaxhb
+        >>> data = jaxhb.transient(
+        ...     jaxhb.load_scene("spur_pair"), seconds=0.02, speed=1000.0
+        ... ).to_xarray()
+        >>> data.tooth_force.dims, data.tooth_force.attrs["units"]
+        (('time', 'mesh'), 'N')
+        """
+        refuse_tracers("to_xarray", self.states, self.rpm, host=True)
+        return trace_to_xarray(self, self.time, self.rpm, self.angle)
 
     def passage(self, low: float, high: float) -> Array:
         """Seconds during which the speed of the reference rotor is between ``low`` and
@@ -282,10 +368,19 @@ class Transient(Motion[History, ToothContact, Array]):
         steps = np.diff(self.time, prepend=self.time[0])
         entry = np.flatnonzero((distance[:-1] < 0) & (distance[1:] >= 0))
         reverse = (distance >= 0) & (np.sign(deflection) == -side)
+
+        def first(happens: np.ndarray) -> float:
+            return float(self.time[happens][0]) if happens.any() else np.nan
+
+        enters = np.zeros(len(distance), dtype=bool)
+        enters[entry + 1] = True
         return ToothContact(
             separated=float(steps[distance < 0].sum()),
             reverse_contact=float(steps[reverse].sum()),
             impacts=len(entry),
             hardest_impact=float(np.abs(rate[entry + 1]).max(initial=0.0)),
             drive_side=side,
+            first_separation=first(distance < 0),
+            first_impact=first(enters),
+            first_reverse_contact=first(reverse),
         )

@@ -369,6 +369,7 @@ def _result(
 
     return Transient(
         topology=train.topology,
+        train=train,
         time=along(blocks.begin[:1], after),
         rpm=along(blocks.speeds(start), blocks.speeds(shares)) * (30 / np.pi),
         angle=along(blocks.angles(start), blocks.angles(shares)),
