@@ -176,6 +176,24 @@ class SweepOptions(
 
 
 @dataclass(frozen=True, kw_only=True)
+class TransientOptions(ComputedOptions, FiringOptions):
+    """Options of ``jaxhb transient``; ``speed`` are rows of (s, rpm), ``rpm`` the only
+    or, where it is ``free``, the first speed; ``link`` is that of the picture.
+    """
+
+    seconds: float
+    speed: list[tuple[float, float]] | None
+    rpm: float | None
+    free: bool
+    event: tuple[str, ...]
+    start: Literal["steady", "rest"] | None
+    passage: tuple[tuple[float, float], ...]
+    record: float | None
+    refine: int
+    link: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportOptions(
     ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
 ):

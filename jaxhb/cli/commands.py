@@ -4,6 +4,7 @@ write for programs.
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -23,13 +24,16 @@ from jaxhb.report.compute import (
 )
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
+from jaxhb.report.figures.transients import plot_transient
 from jaxhb.report.files import numbers, output
-from jaxhb.report.files.compared import of_answers
+from jaxhb.report.files.compared import of_answers, of_transient
 from jaxhb.report.files.formats import OF_NUMBERS, deliver, made, named
+from jaxhb.report.files.transients import transient_record, transient_sheet
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
 from jaxhb.report.text.sweep_tables import sweep_text
+from jaxhb.report.text.transients import transient_text
 from jaxhb.report.text.tuned import (
     check_text,
     parameter_unit,
@@ -38,11 +42,18 @@ from jaxhb.report.text.tuned import (
     tuned_parts,
     tuned_record,
 )
+from jaxhb.report.transients import (
+    governing_link,
+    has_curve,
+    steady_extremes,
+    transient_report,
+)
 from jaxhb.report.value_sweep import answer_values
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.transients.transient import Speed, transient as march_transient
 
 if TYPE_CHECKING:
     from jaxhb.design.descent import Step
@@ -75,6 +86,72 @@ def solve(train: DriveTrain, arguments: cli.SolveOptions) -> int:
     if no_trace:
         failures = [f"--trace: no file, {no_trace}.", *failures]
     return status(failures)
+
+
+def transient(train: DriveTrain, arguments: cli.TransientOptions) -> int:
+    """March a transient."""
+    check_files(train, arguments)
+    link = arguments.link
+    if link is not None:
+        train.topology.link_index(link)
+    if has_curve(train.topology) and importlib.util.find_spec("rainflow") is None:
+        raise output.OutputError(
+            "sn_curve: counting cycles needs rainflow. Install it: pip install"
+            ' "jaxhb[transients]".'
+        )
+    speed = _speed_of(arguments)
+    train = misfire_trains(train, arguments)[""]
+    with Progress(quiet=arguments.quiet) as progress:
+        progress.say("preparing the march")
+        run = march_transient(
+            train,
+            seconds=arguments.seconds,
+            speed=speed,
+            rpm=arguments.rpm if arguments.free else None,
+            events=arguments.event,
+            start=arguments.start,
+            record=arguments.record,
+            refine=arguments.refine,
+            progress=lambda done: progress.say(
+                f"marching, {100 * done:.0f} % are done"
+            ),
+        )
+        progress.say("reading the results")
+        at_rest = arguments.start == "rest" or not float(run.rpm[0]) > 0
+        report = transient_report(
+            run,
+            start="rest" if at_rest else "steady",
+            events=arguments.event,
+            passages=arguments.passage,
+        )
+        steady = None
+        if "plot" in arguments.files:
+            link = link or governing_link(report)
+            progress.say("solving for the steady motion at the same speeds")
+            steady = steady_extremes(run, link)
+    makers = {
+        "record": lambda: transient_record(report),
+        "rows": lambda: transient_sheet(run),
+        "dataset": run.to_xarray,
+        "figure": lambda: plot_transient(report, link, steady),
+    }
+    deliver(arguments, transient_text(report), makers)
+    compare(arguments, lambda: of_transient(report))
+    return output.ANSWERED
+
+
+def _speed_of(arguments: cli.TransientOptions) -> Speed:
+    """The speed of a transient as the library takes it."""
+    if arguments.rpm is None and arguments.speed is None:
+        instead = "--rpm R, its first speed" if arguments.free else "--speed or --rpm"
+        raise output.OutputError(f"transient: no speed is given. Give {instead}.")
+    if arguments.free:
+        return "free"
+    rows = arguments.speed
+    if rows is not None:
+        return rows
+    assert arguments.rpm is not None  # else it was refused
+    return arguments.rpm
 
 
 def tune(train: DriveTrain, arguments: cli.TuneOptions) -> int:
@@ -210,7 +287,10 @@ class _TunedFiles:
 
 def check_files(
     train: DriveTrain,
-    arguments: cli.SolveOptions | cli.SweepOptions | cli.ReportOptions,
+    arguments: cli.SolveOptions
+    | cli.SweepOptions
+    | cli.ReportOptions
+    | cli.TransientOptions,
 ) -> None:
     """Refuse a picture of nothing before anything is computed."""
     topology = train.topology

@@ -21,7 +21,9 @@ from jaxhb.cli.values import (
     orders,
     positive,
     share,
+    speed_pair,
     speed_range,
+    speed_rows,
     whole,
 )
 from jaxhb.elements.sentences import LONGEST_SENTENCE, cut
@@ -461,6 +463,80 @@ def sweep() -> None:
     motions are possible, the train stays in the motion from which it comes: each speed
     starts from the next lower speed (--direction up), the next higher speed (down), or
     from both in turn.
+    """
+
+
+@command(
+    cli.TransientOptions,
+    "commands",
+    DONE,
+    "transient spur_pair --seconds 4 --speed 0:1000,4:6000 --plot run_up.png",
+    'transient my_engine.toml --seconds 3 --rpm 1500 --event "load step" --json'
+    " step.json",
+)
+@options.SCENE
+@option("--seconds T", "duration, s", positive, required=True)
+@option(
+    "--speed S:RPM,...",
+    "speed of the reference rotor over time, rows of s and rpm: linear between them,"
+    " the last one stays",
+    speed_rows,
+)
+@option("--rpm R", "constant speed, rpm; with --free: the first speed", one_speed)
+@option(
+    "--free",
+    "let the torques of the excitation, of loads by their laws and of events drive the"
+    " train from --rpm on",
+)
+@option(
+    "--event NAME",
+    "an [[event]] or a [sequence.NAME] of the scene; may be repeated",
+    multiple=True,
+    shell_complete=of_elements("event"),
+)
+@option(
+    "--start {steady,rest}",
+    "motion at 0 s: the steady motion at the first speed (default, unless that is 0"
+    " rpm), or no vibration",
+    ("steady", "rest"),
+)
+@option(
+    "--passage LOW:HIGH",
+    "tell the seconds between these speeds, rpm; may be repeated (barred ranges are"
+    " found anyway)",
+    speed_pair,
+    multiple=True,
+)
+@options.misfire()
+@option(
+    "--record N",
+    "instants to keep in a second, at least (default: every time step)",
+    positive,
+)
+@option(
+    "--refine N",
+    "divide every time step by this number, to check the results",
+    whole,
+    default="1",
+    show_default=True,
+)
+@options.file("json", "write peaks and trouble in full precision, SI units")
+@options.file("csv", "write torques and tooth forces over time, SI units")
+@options.file("netcdf", "write all signals over time as labelled arrays")
+@options.plot(
+    "one torque and the speed over time, beside the steady motion, and its orders"
+)
+@option(
+    "--link NAME",
+    "shaft, damper or mesh of the picture (default: the shaft nearest to its limit)",
+    shell_complete=of_elements("shaft", "damper", "mesh"),
+)
+def transient() -> None:
+    """Run-ups, run-downs and events: peaks over time.
+
+    Largest torques and tooth forces with their time and speed, separation and impacts
+    of teeth, stresses beside the transient limit, seconds in barred ranges, and damage
+    where a shaft has an sn_curve: see docs/how_to/transients.md.
     """
 
 

@@ -162,12 +162,12 @@ def _skipped(
 
 def _named_elements(arguments: cli.ComputedOptions) -> Iterator[tuple[str, str]]:
     """Elements that options of a command name, (option, element)."""
-    for name in ("misfire", "cut_off", "element"):
+    for name in ("misfire", "cut_off", "element", "event"):
         for element in getattr(arguments, name, ()):
             yield f"--{name.replace('_', '-')}", element
     for quantity in getattr(arguments, "of", ()):
         yield "--of", str(quantity).rpartition(" of ")[2]
-    for option, name in (("--gear", "gear"), ("--phase", "name")):
+    for option, name in (("--gear", "gear"), ("--phase", "name"), ("--link", "link")):
         element = getattr(arguments, name, None)
         if element:
             yield option, element

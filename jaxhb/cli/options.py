@@ -81,6 +81,9 @@ NO_SPEED = (
     "Natural frequencies do not depend on the speed; --at R takes the teeth as under"
     " the mean load of R rpm."
 )
+EXCLUDING = (("hz", "mode"), ("tuned", "tune"), ("speed", "rpm"), ("speed", "free"))
+"""Options of which a command takes one."""
+
 # Ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 MORE = " ...]"
 
@@ -104,7 +107,7 @@ class Command(click.Command):
         """Run the function of the command; its exit status."""
         from jaxhb.cli import inputs
 
-        for first, second in (("hz", "mode"), ("tuned", "tune")):
+        for first, second in EXCLUDING:
             if ctx.params.get(first) and ctx.params.get(second):
                 raise click.UsageError(
                     f"--{first} and --{second} exclude each other.", ctx

@@ -39,6 +39,28 @@ def positive(text: str, below: float = math.inf, bound: str = "") -> float:
     return value
 
 
+def speed_rows(text: str) -> list[tuple[float, float]]:
+    """Rows of (s, rpm) from ``S:RPM,S:RPM,...``; what they hold is checked later."""
+    rows = []
+    for word in text.split(","):
+        numbers = [_number(part) for part in word.split(":")]
+        if len(numbers) != 2 or math.isnan(sum(numbers)):
+            raise ValueError(
+                f"{text!r} is not S:RPM,S:RPM,..., seconds and speeds in rpm, as"
+                " 0:0,20:120"
+            )
+        rows.append((numbers[0], numbers[1]))
+    return rows
+
+
+def speed_pair(text: str) -> tuple[float, float]:
+    """Two speeds in rpm from ``LOW:HIGH``."""
+    ends = [_number(word) for word in text.split(":")]
+    if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
+        raise ValueError(f"{text!r} is not LOW:HIGH, speeds in rpm, as 400:450")
+    return ends[0], ends[1]
+
+
 share = partial(positive, below=1.0, bound=" and less than 1, as 0.01 for 1 %")
 
 

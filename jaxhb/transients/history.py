@@ -207,13 +207,14 @@ class History:
 
     def envelope_of_cycles(self, revolutions: float) -> Envelope:
         """Largest and smallest value in windows of so many revolutions of the
-        reference rotor, which overlap by half.
+        reference rotor, which overlap by half; the last is up to half as long again.
         """
         refuse_tracers("envelope_of_cycles", self.values, host=True)
         if not revolutions > 0:
             raise ValueError(f"revolutions are {revolutions:g}, must be greater than 0")
         turned = np.asarray(self.angle) / (np.pi * revolutions)
         halves = np.floor(turned - turned[0] + 1e-9)
+        halves = np.minimum(halves, max(halves[-1] - 1, 0))
         begins = np.flatnonzero(np.diff(halves, prepend=-1.0))
         highest = np.maximum.reduceat(vertices(np.asarray(self.values)), begins)
         lowest = -np.maximum.reduceat(vertices(-np.asarray(self.values)), begins)

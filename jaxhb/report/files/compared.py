@@ -16,6 +16,7 @@ from jaxhb.report.answer import Answer
 from jaxhb.report.quantities import number
 from jaxhb.report.text.forced import ElementReading
 from jaxhb.report.text.strength import LIMITED, answers_strength
+from jaxhb.report.transients import TransientReport
 from jaxhb.results.quantities import WORKED, names_of, variables_of
 
 
@@ -84,6 +85,28 @@ def of_forced(
                     f"{reading.csv_name} {called}", unit, values, places, "rpm", case
                 )
         compared += _judged(strengths[case], places, "rpm", case)
+    return compared
+
+
+def of_transient(report: TransientReport) -> list[Compared]:
+    """Compared numbers of a transient, with the time of each."""
+    run = report.run
+    topology = run.topology
+    peaks = [
+        (f"{name} torque", "N m", run.torque(name))
+        for name in topology.shaft_and_damper_names
+    ]
+    peaks += [
+        (f"{name} tooth force", "N", run.force(name)) for name in topology.mesh_names
+    ]
+    compared = [
+        Compared(called, unit, float(signal.peak), float(signal.time_of_peak), "s")
+        for called, unit, signal in peaks
+    ]
+    compared += [
+        Compared(f"{name} stress", "Pa", peak.amplitude, peak.time, "s")
+        for name, peak in report.stresses.items()
+    ]
     return compared
 
 

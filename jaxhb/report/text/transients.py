@@ -1,0 +1,278 @@
+"""A transient for people: peaks of shafts, dampers and meshes, stresses beside their
+limits, passages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb._shown import number
+from jaxhb.elements.rules import RULES
+from jaxhb.report.quantities import shown_unit
+from jaxhb.report.selection import train_name
+from jaxhb.report.table import Column, Table
+from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
+from jaxhb.report.text.sentences import firing_lines, remarks_text
+from jaxhb.report.text.strength import AID
+from jaxhb.report.transients import (
+    BARRED_SPEEDS,
+    Fatigue,
+    Passage,
+    StressPeak,
+    TransientReport,
+    signal_for_people,
+)
+from jaxhb.train.checks.plausible import plausibility
+from jaxhb.transients.history import History
+from jaxhb.transients.motion import ToothContact
+
+
+def transient_text(report: TransientReport) -> str:
+    """Tell a transient: verdict, duration and speeds, tables, passages, notes."""
+    parts = [_head(report), *_tables(report), *_stress_parts(report)]
+    parts += _passage_parts(report.passages)
+    parts += _rule_parts(report)
+    remarks = [*plausibility(report.run.train), *report.run.notes]
+    return "\n\n".join([*parts, *remarks_text(remarks)])
+
+
+def transient_verdict(report: TransientReport) -> str:
+    """Say in one sentence whether teeth part or hit."""
+    topology = report.topology
+    if not topology.mesh_names:
+        return "No teeth mesh in this train."
+    if not any(topology.mesh_backlash):
+        return "No mesh has backlash: the teeth cannot separate."
+    contacts = {name: report.run.mesh(name) for name in topology.mesh_names}
+    apart = {name: contact for name, contact in contacts.items() if contact.separated}
+    if not apart:
+        return "All teeth stay in contact."
+    name = min(apart, key=lambda mesh: apart[mesh].first_separation)
+    first = apart[name].first_separation
+    longest = max(apart, key=lambda mesh: apart[mesh].separated)
+    contact = apart[longest]
+    head = f"Teeth separate, first those of {name} at {_at(report, first)}"
+    subject = "they" if longest == name else longest
+    impacts = "without an impact"
+    if contact.impacts:
+        impacts = (
+            f"with {contact.impacts} impact{'s' * (contact.impacts > 1)}, the hardest"
+            f" at {hit(contact.hardest_impact)} m/s"
+        )
+    return f"{head}; {subject} for {number(contact.separated)} s in all, {impacts}."
+
+
+def _at(report: TransientReport, seconds: float) -> str:
+    """Write an instant with its speed."""
+    rpm = float(np.interp(seconds, report.run.time, report.run.rpm))
+    return f"{number(seconds)} s ({number(rpm)} rpm)"
+
+
+def _head(report: TransientReport) -> str:
+    """Write the verdict and which transient it is."""
+    run = report.run
+    first, last = float(run.rpm[0]), float(run.rpm[-1])
+    lowest, highest = float(run.rpm.min()), float(run.rpm.max())
+    speeds = f"from {number(first)} to {number(last)} rpm"
+    if lowest == highest:
+        speeds = f"at {number(first)} rpm"
+    elif lowest < min(first, last) or highest > max(first, last):
+        speeds += f", between {number(lowest)} and {number(highest)} rpm"
+    start = "from rest" if report.start == "rest" else "from the steady motion"
+    events = f"; events: {', '.join(report.events)}" if report.events else ""
+    lines = [
+        transient_verdict(report),
+        "",
+        f"{train_name(run.topology)}: {number(float(run.time[-1]))} s {speeds},"
+        f" {start}{events}",
+        *firing_lines(run.train),
+    ]
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A link with its signal in the unit for people, and its contact, of a mesh."""
+
+    name: str
+    signal: History
+    factor: float
+    contact: ToothContact | None = None
+
+    def peaks(self) -> list[float]:
+        """Largest and smallest value and the one that is larger in size."""
+        highest, lowest = float(self.signal.max), float(self.signal.min)
+        peak = highest if highest >= -lowest else lowest
+        return [self.factor * value for value in (highest, lowest, peak)]
+
+
+def _columns(element: str, unit: str) -> list[Column]:
+    """Columns of extremes, and of the peak with time and speed."""
+    return [
+        Column(element, read=lambda row: row.name),
+        Column("max", "force", lambda row: row.peaks()[0]),
+        Column("min", "force", lambda row: row.peaks()[1]),
+        Column(unit, "force", lambda row: row.peaks()[2], "peak"),
+        Column("at s", number, lambda row: float(row.signal.time_of_peak), "peak"),
+        Column("at rpm", number, lambda row: float(row.signal.rpm_of_peak), "peak"),
+    ]
+
+
+def _tables(report: TransientReport) -> Iterator[Table]:
+    """Make the tables of meshes, and of shafts and dampers."""
+    run = report.run
+    topology = run.topology
+
+    def rows(names: Sequence[str], si_unit: str) -> list[_Row]:
+        factor, _ = shown_unit(si_unit)
+        return [
+            _Row(
+                name,
+                signal_for_people(run, name),
+                factor,
+                run.mesh(name) if name in topology.mesh_names else None,
+            )
+            for name in names
+        ]
+
+    if topology.mesh_names:
+        contact = [
+            Column("separated s", _seconds, lambda row: row.contact.separated),
+            Column("reverse s", _seconds, lambda row: row.contact.reverse_contact),
+            Column("impacts", str, lambda row: row.contact.impacts),
+            Column("hardest m/s", hit, lambda row: row.contact.hardest_impact),
+            Column("first at s", _seconds, lambda row: _first(row.contact)),
+        ]
+        shown = contact if any(topology.mesh_backlash) else []
+        caption = "Tooth force, kN (positive on the flank that drives)"
+        if shown:
+            caption += (
+                "; separated: seconds in the gap; reverse: on the flank that does not"
+                " drive"
+            )
+        meshes = rows(topology.mesh_names, "N")
+        yield Table(caption, [*_columns("mesh", "kN"), *shown], meshes)
+    names = topology.shaft_and_damper_names
+    if names:
+        yield Table(
+            "Torque of shafts and dampers, N m (elastic and damping part; the mean is"
+            " positive)",
+            _columns("shaft", "N m"),
+            rows(names, "N m"),
+        )
+
+
+def _seconds(value: float) -> str:
+    """Write seconds; a dash where nothing happens."""
+    return number(value) if math.isfinite(value) and value > 0 else NONE
+
+
+def _first(contact: ToothContact) -> float:
+    """Return when the teeth of a mesh first separate or touch the other flank, nan if
+    never.
+    """
+    times = (contact.first_separation, contact.first_reverse_contact)
+    return min((time for time in times if math.isfinite(time)), default=math.nan)
+
+
+def _stress_parts(report: TransientReport) -> list[str]:
+    """Make the table of stresses, what its limits and its damage are of."""
+    stresses = report.stresses
+    if not stresses:
+        return []
+    rows = list(stresses.items())
+    limited = any(peak.rule for peak in stresses.values())
+    counted = any(peak.fatigue for peak in stresses.values())
+
+    columns = [
+        Column("shaft", read=lambda row: row[0]),
+        Column("stress", "stress", lambda row: 1e-6 * row[1].amplitude),
+        Column("at s", number, lambda row: row[1].time),
+        Column("at rpm", number, lambda row: row[1].rpm),
+    ]
+    if limited:
+        columns += [
+            Column("transient limit", "stress", lambda row: 1e-6 * row[1].limit),
+            Column("share", ratio, lambda row: (row[1].amplitude, row[1].limit)),
+        ]
+    if counted:
+        columns += [
+            Column("cycles", _counted_cycles, lambda row: row[1].fatigue),
+            Column("damage", _damage, lambda row: row[1].fatigue),
+        ]
+    parts: list[str] = [
+        Table(
+            "Torsional stress of shafts, MPa: half of peak-to-peak torque within a"
+            f" cycle / W_p ({AID})",
+            columns,
+            rows,
+        )
+    ]
+    if counted:
+        parts.append(_sources(stresses))
+    return parts
+
+
+def _rule_parts(report: TransientReport) -> list[str]:
+    """Say what the limits are of."""
+    rated = report.topology.rated_rpm
+    rules = [peak.rule for peak in report.stresses.values() if peak.rule]
+    notes = [
+        RULES[rule].note.format(source=RULES[rule].source, rated=rated)
+        for rule in rules
+    ]
+    return list(dict.fromkeys(notes))
+
+
+def _counted_cycles(fatigue: Fatigue | None) -> str:
+    """Write how many cycles were counted."""
+    return plain_number(fatigue.cycles) if fatigue else NONE
+
+
+def _damage(fatigue: Fatigue | None) -> str:
+    """Write a damage, three digits."""
+    return f"{fatigue.damage:.3g}" if fatigue else NONE
+
+
+def _sources(stresses: dict[str, StressPeak]) -> str:
+    """Say what damage is, and what the S-N curves are of."""
+    sources = dict.fromkeys(
+        peak.fatigue.curve.source for peak in stresses.values() if peak.fatigue
+    )
+    return (
+        "Damage: cycles counted by rainflow (ASTM E1049) over those of the S-N curve at"
+        " the same amplitude,\nsummed after Palmgren and Miner, without mean stress; 1"
+        f" is the end of the life. S-N curve: {'; '.join(sources)}."
+    )
+
+
+def _passage_parts(passages: Sequence[Passage]) -> list[str]:
+    """Write the seconds in ranges of speeds, in a list; empty without any."""
+    if not passages:
+        return []
+    lines = [_passage_line(passage) for passage in passages]
+    found = any(passage.barred for passage in passages)
+    how = (
+        f" (barred ranges: of the linear response at {BARRED_SPEEDS} of its speeds,"
+        f" {AID})"
+    )
+    return ["\n".join([f"Passages{how if found else ''}", *lines])]
+
+
+def _passage_line(passage: Passage) -> str:
+    """Write one range and its seconds."""
+    speeds = f"{passage.low:.4g} to {passage.high:.4g} rpm"
+    barred = passage.barred
+    if barred is None:
+        return f"  {speeds}: {number(passage.seconds)} s"
+    limit = "within the transient limit"
+    if not barred.passable:
+        limit = f"ABOVE THE TRANSIENT LIMIT ({barred.transient_share:.2f} of it)"
+    return (
+        f"  {speeds}: {number(passage.seconds)} s; barred by {passage.shaft}, steady"
+        f" {barred.share:.2f} of the continuous limit at {barred.at:.4g} rpm, {limit}"
+    )
