@@ -91,9 +91,8 @@ def solve(train: DriveTrain, arguments: cli.SolveOptions) -> int:
 def transient(train: DriveTrain, arguments: cli.TransientOptions) -> int:
     """March a transient."""
     check_files(train, arguments)
-    link = arguments.link
-    if link is not None:
-        train.topology.link_index(link)
+    if arguments.link is not None:
+        train.topology.link_index(arguments.link)
     if has_curve(train.topology) and importlib.util.find_spec("rainflow") is None:
         raise output.OutputError(
             "sn_curve: counting cycles needs rainflow. Install it: pip install"
@@ -124,9 +123,10 @@ def transient(train: DriveTrain, arguments: cli.TransientOptions) -> int:
             events=arguments.event,
             passages=arguments.passage,
         )
+        link = ""
         steady = None
         if "plot" in arguments.files:
-            link = link or governing_link(report)
+            link = arguments.link or governing_link(report)
             progress.say("solving for the steady motion at the same speeds")
             steady = steady_extremes(run, link)
     makers = {

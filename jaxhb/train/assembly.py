@@ -428,9 +428,9 @@ def _topology(
     )
 
 
-def _curve(rows: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+def _curve(rows: Sequence[Sequence[float]]) -> tuple[tuple[float, float], ...]:
     """Rows of a S-N curve as a topology holds them."""
-    return tuple(tuple(map(float, row)) for row in rows)
+    return tuple((float(cycles), float(stress)) for cycles, stress in rows)
 
 
 def _event_seats(parts: checks.Parts) -> Iterator[EventSeat]:

@@ -82,7 +82,7 @@ class Topology:
     load_law: tuple[str, ...] = ()
     load_points: tuple[int, ...] = ()
     shaft_rules: tuple[str, ...] = ()
-    shaft_curves: tuple[tuple[tuple[tuple[float, ...], ...], str], ...] = ()
+    shaft_curves: tuple[tuple[tuple[tuple[float, float], ...], str], ...] = ()
     phase_names: tuple[str, ...] = ()
     phase_members: tuple[tuple[tuple[int, ...], ...], ...] = ()
     phase_turn: tuple[float, ...] = ()

@@ -194,15 +194,16 @@ def _orders(report: TransientReport, shown: _Shown) -> Figure | None:
     highest = amplitudes.max(axis=0)
     largest = np.argsort(-highest, kind="stable")[:MOST_ORDERS]
     largest = largest[highest[largest] >= SMALLEST * highest.max()]
-    passed = len(speeds_passed(report.run, 2)) > 0
+    speeds = speeds_passed(report.run, 2)
+    passed = len(speeds) > 0
     x = spectra.rpm if passed else spectra.time
     traces = [
         line(x, amplitudes[:, k], f"order {orders[k]:g}", style)
         for style, k in enumerate(sorted(largest))
     ]
-    axis = Axis("speed, rpm", speed_range(speeds_passed(report.run, 2)))
-    if not passed:
-        axis = Axis("time, s", (0.0, float(signal.time[-1])))
+    axis = Axis("time, s", (0.0, float(signal.time[-1])))
+    if passed:
+        axis = Axis("speed, rpm", speed_range(speeds))
     which = "the largest orders" if len(traces) > 1 else traces[0]["name"]
     caption = (
         f"{shown.called}: amplitudes of {which} in windows of {cycles * cycle:g}"

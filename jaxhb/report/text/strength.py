@@ -291,7 +291,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" ({AID})"
         ]
         lines += [
-            _range_text(name, barred_range, RULES[rule].passed, rated)
+            range_text(name, barred_range, RULES[rule].passed, rated)
             for name, barred_range in barred
         ]
         speeds = rpm[within & np.isfinite(first.stress)]
@@ -335,7 +335,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
     return "\n".join(lines)
 
 
-def _range_text(
+def range_text(
     name: str, barred_range: BarredRange, share: float, rated_rpm: float
 ) -> str:
     """One barred range of a shaft as a line; above the ``share`` of the rated speed the

@@ -17,11 +17,10 @@ from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
 from jaxhb.report.text.sentences import firing_lines, remarks_text
-from jaxhb.report.text.strength import AID
+from jaxhb.report.text.strength import AID, range_text
 from jaxhb.report.transients import (
     BARRED_SPEEDS,
     Fatigue,
-    Passage,
     StressPeak,
     TransientReport,
     signal_for_people,
@@ -34,7 +33,7 @@ from jaxhb.transients.motion import ToothContact
 def transient_text(report: TransientReport) -> str:
     """Tell a transient: verdict, duration and speeds, tables, passages, notes."""
     parts = [_head(report), *_tables(report), *_stress_parts(report)]
-    parts += _passage_parts(report.passages)
+    parts += _passage_parts(report)
     parts += _rule_parts(report)
     remarks = [*plausibility(report.run.train), *report.run.notes]
     return "\n\n".join([*parts, *remarks_text(remarks)])
@@ -55,15 +54,19 @@ def transient_verdict(report: TransientReport) -> str:
     first = apart[name].first_separation
     longest = max(apart, key=lambda mesh: apart[mesh].separated)
     contact = apart[longest]
-    head = f"Teeth separate, first those of {name} at {_at(report, first)}"
-    subject = "they" if longest == name else longest
     impacts = "without an impact"
     if contact.impacts:
         impacts = (
             f"with {contact.impacts} impact{'s' * (contact.impacts > 1)}, the hardest"
             f" at {hit(contact.hardest_impact)} m/s"
         )
-    return f"{head}; {subject} for {number(contact.separated)} s in all, {impacts}."
+    apart_for = f"for {number(contact.separated)} s in all, {impacts}."
+    if name == longest:
+        return f"Teeth of {name} separate, first at {_at(report, first)}, {apart_for}"
+    return (
+        f"Teeth separate, first those of {name} at {_at(report, first)}, longest those"
+        f" of {longest}, {apart_for}"
+    )
 
 
 def _at(report: TransientReport, seconds: float) -> str:
@@ -250,29 +253,18 @@ def _sources(stresses: dict[str, StressPeak]) -> str:
     )
 
 
-def _passage_parts(passages: Sequence[Passage]) -> list[str]:
+def _passage_parts(report: TransientReport) -> list[str]:
     """Write the seconds in ranges of speeds, in a list; empty without any."""
-    if not passages:
+    rated = report.topology.rated_rpm
+    lines = []
+    for passage in report.passages:
+        text = f"  {passage.low:.4g} to {passage.high:.4g} rpm"
+        if passage.barred is not None and rated is not None:
+            passed = RULES[report.stresses[passage.shaft].rule].passed
+            text = range_text(passage.shaft, passage.barred, passed, rated)
+        lines.append(f"{text}: {number(passage.seconds)} s")
+    if not lines:
         return []
-    lines = [_passage_line(passage) for passage in passages]
-    found = any(passage.barred for passage in passages)
-    how = (
-        f" (barred ranges: of the linear response at {BARRED_SPEEDS} of its speeds,"
-        f" {AID})"
-    )
-    return ["\n".join([f"Passages{how if found else ''}", *lines])]
-
-
-def _passage_line(passage: Passage) -> str:
-    """Write one range and its seconds."""
-    speeds = f"{passage.low:.4g} to {passage.high:.4g} rpm"
-    barred = passage.barred
-    if barred is None:
-        return f"  {speeds}: {number(passage.seconds)} s"
-    limit = "within the transient limit"
-    if not barred.passable:
-        limit = f"ABOVE THE TRANSIENT LIMIT ({barred.transient_share:.2f} of it)"
-    return (
-        f"  {speeds}: {number(passage.seconds)} s; barred by {passage.shaft}, steady"
-        f" {barred.share:.2f} of the continuous limit at {barred.at:.4g} rpm, {limit}"
-    )
+    barred = any(passage.barred for passage in report.passages)
+    how = f"; barred: by the linear response at {BARRED_SPEEDS} speeds ({AID})"
+    return ["\n".join([f"Time in ranges of speeds{how * barred}", *lines])]
