@@ -105,6 +105,8 @@ OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 HARMONICS = ("order", "Re", "Im")
 PRESSURE = ("angle", "pressure")
 TWISTS = ("twist", "stiffness")
+DAMPING_OVER_RPM = ("rpm", "damping")
+STIFFNESS_OVER_RPM = ("rpm", "stiffness")
 """Columns of rows."""
 
 

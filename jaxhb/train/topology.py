@@ -34,7 +34,8 @@ class Topology:
     :class:`Seats` of each kind of excitation. ``rotor_path`` holds for each rotor the
     pairs (driving disk, driven disk) that lead to it from the reference rotor.
     ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary over
-    the frequency, over their amplitude and with the speed. ``springs`` are what acts
+    the frequency, over their amplitude and with the speed; ``rpm_tables`` the numbers
+    that rows over the speed give: (table, field, index, number of rows). ``springs`` are what acts
     beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
     "friction", row). ``shaft_rules`` name the limits of each shaft. ``phase_members``
     are the elements of each kind of excitation that each phase turns, ``phase_turn``
@@ -82,6 +83,7 @@ class Topology:
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
     order_links: tuple[int, ...] = ()
+    rpm_tables: tuple[tuple[str, str, int, int], ...] = ()
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
@@ -131,6 +133,11 @@ class Topology:
     @cached_property
     def _seats(self) -> dict[str, Seats]:
         return dict(zip(EXCITATIONS, self.excitations, strict=True))
+
+    @property
+    def depends_on_speed(self) -> bool:
+        """Whether any stiffness or damping does."""
+        return bool(self.rpm_tables or self.order_links)
 
     @property
     def torque_names(self) -> tuple[str, ...]:
