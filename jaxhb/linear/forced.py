@@ -95,9 +95,7 @@ tables, omega ``(H,)`` rad/s, and load ``(S, H)`` N.
 """
 
 
-def varied(
-    train: DriveTrain, system: System, omega: Array, amplitude: Array
-) -> System:
+def varied(train: DriveTrain, system: System, omega: Array, amplitude: Array) -> System:
     """The ``system`` of a train without its tables, with the stiffness of every link at
     every frequency ``omega`` ``(H,)`` rad/s; ``amplitude`` ``(A,)`` rad of the links
     that depend on it.

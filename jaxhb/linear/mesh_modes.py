@@ -31,9 +31,9 @@ def mesh_mode_harmonics(train: DriveTrain, frequency: Number) -> np.ndarray:
     """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is
     STRAINED and WEAKLY_STRAINED.
 
-    ``frequency`` is that of the cycle in rad/s, at whose speed the train is taken. Of a finely divided train, whose modes
-    would take longer than its solve, both are the highest mode of the gears and meshes
-    alone.
+    ``frequency`` is that of the cycle in rad/s, at whose speed the train is taken. Of a
+    finely divided train, whose modes would take longer than its solve, both are the
+    highest mode of the gears and meshes alone.
     """
     constant = at_speed(train, frequency / train.topology.cycle_frequency(1.0))
     return _mesh_modes_hz(constant) / (frequency / (2 * np.pi))

@@ -225,7 +225,7 @@ def _mean_load(
 
 def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
     """The train whose shafts and dampers have the stiffness of a mean load in place of
-    their stages, stops, clearance and friction.
+    their stages, stops, clearance and friction, and of a stiffness over the speed.
     """
     topology = train.topology
     slopes = dict(zip(load.links, load.link_stiffness, strict=True))
@@ -242,9 +242,14 @@ def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
             table, stiffness=xp.stack([xp.asarray(row, dtype=float) for row in rows])
         )
 
+    rpm_tables = tuple(
+        (table, field, i, count)
+        for table, field, i, count in topology.rpm_tables
+        if field != "stiffness" or topology.names_of(table)[i] not in slopes
+    )
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, springs=()),
+        topology=dataclasses.replace(topology, springs=(), rpm_tables=rpm_tables),
         shafts=sloped(train.shafts, topology.shaft_names),
         dampers=sloped(train.dampers, topology.damper_names),
     )

@@ -158,9 +158,7 @@ class DriveTrain(TrainArrays):
         >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
         (12500.0, 0.15)
         """
-        return varying.with_constant_links(
-            self, hz=hz, amplitude=amplitude, rpm=rpm
-        )
+        return varying.with_constant_links(self, hz=hz, amplitude=amplitude, rpm=rpm)
 
     def repeated(self, cycles: int) -> DriveTrain:
         """Return the same train with a cycle ``cycles`` times as long, for motions with

@@ -54,8 +54,8 @@ def vectors_of(element: type) -> Callable[[type], type]:
     frequency, amplitude or orders.
 
     0 stands for a number that is absent, nan for one that rows over the speed give, as
-    ``damping_over_rpm`` [n, K, 2] (rpm, value), padded by its last row. Numbers that not all links have, and most
-    rows, are None where no link has them.
+    ``damping_over_rpm`` [n, K, 2] (rpm, value), padded by its last row. Numbers that
+    not all links have, and most rows, are None where no link has them.
     """
 
     def declare(cls: type) -> type:

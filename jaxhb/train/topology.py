@@ -35,12 +35,13 @@ class Topology:
     pairs (driving disk, driven disk) that lead to it from the reference rotor.
     ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary over
     the frequency, over their amplitude and with the speed; ``rpm_tables`` the numbers
-    that rows over the speed give: (table, field, index, number of rows). ``springs`` are what acts
-    beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
-    "friction", row). ``shaft_rules`` name the limits of each shaft. ``phase_members``
-    are the elements of each kind of excitation that each phase turns, ``phase_turn``
-    the harmonics of the cycle per order of their rotor. ``link_keys`` names for each
-    link which of the keys that may be absent it has; empty where no link has any.
+    that rows over the speed give: (table, field, index, number of rows). ``springs``
+    are what acts beside the stiffness of shafts and dampers: (link, "clearance",
+    "stages", "stops" or "friction", row). ``shaft_rules`` name the limits of each
+    shaft. ``phase_members`` are the elements of each kind of excitation that each phase
+    turns, ``phase_turn`` the harmonics of the cycle per order of their rotor.
+    ``link_keys`` names for each link which of the keys that may be absent it has; empty
+    where no link has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
 
