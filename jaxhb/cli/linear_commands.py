@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import misfire_trains, status
 from jaxhb.cli.operating_modes import compare
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
     Campbell,

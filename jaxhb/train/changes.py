@@ -444,7 +444,7 @@ def _value_errors(
     if no_effect and (traced(row) or not np.all(np.asarray(row) == number)):
         return [f"{where}: {no_effect}"]
     declared = declared_field(table, field)
-    if field in _OVER_RPM:
+    if declared is not None and field in _OVER_RPM:
         excluded = field == "stiffness_over_rpm" and table != "damper"
         rows = number.tolist()
         texts = row_errors(field, declared.metadata["columns"], rows)

@@ -64,7 +64,7 @@ def refuse_varying(topology: Topology) -> None:
         )
 
 
-NO_SPEED = "which depends on the speed, and no speed counts here. Make it constant"
+NO_SPEED = "which needs a speed, and there is none here. Make it constant"
 
 
 def _sentences(topology: Topology, fields: Iterable[str], why: str) -> list[str]:
