@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, namespace
 from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
@@ -54,15 +54,41 @@ class Errors:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Varying:
+    """Stiffness and damping of V springs over the speed, less those that the linear
+    train has, in P panels with borders omega ``(P, 2)`` rad/s: stiffness N/m and
+    viscous N s/m ``(P, 3, V)`` at begin, middle and end.
+    """
+
+    omega: Array
+    stiffness: Array
+    viscous: Array
+
+    def at(self, omega: Array) -> tuple[Array, Array]:
+        """Stiffness and viscous ``(n, V)`` at speeds ``(n,)`` rad/s."""
+        xp = namespace(self, omega)
+        panel = panel_of(self.omega, omega)
+        powers = powers_in_panel(self.omega, panel, omega)
+
+        def values(nodes: Array) -> Array:
+            coefficients = parabola(nodes[:, 0], nodes[:, 1], nodes[:, 2])
+            chosen = xp.stack(coefficients, axis=1)[panel]
+            return (powers[..., None] * chosen).sum(axis=-2)
+
+        return values(self.stiffness), values(self.viscous)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Marching:
     """All that the blocks of a transient share.
 
-    weights : by the lengths of the steps, ``(K, ...)``; observation ``(2G, n)``; law,
-    viscous, contact_damping : of G meshes; variation ``(G, H+1)``: coefficients of
-    their stiffness over the cycle, over its mean, less 1, or None; errors : or None;
-    torques : of the excitation;
-    disturbance : events; revolutions : of the reference rotor in a cycle;
-    keeps_loads : whether loads are part of the result, as disks follow them at once.
+    weights : by the lengths of the steps, ``(K, ...)``; observation ``(2 (G + V), n)``
+    of G meshes that have a law and V springs that vary with the speed; law, viscous,
+    contact_damping : of the meshes; variation ``(G, H+1)``: coefficients of their
+    stiffness over the cycle, over its mean, less 1, or None; errors : or None; varying
+    : the springs, or None; torques : of the excitation; disturbance : events;
+    revolutions : of the reference rotor in a cycle; keeps_loads : whether loads are part of the result, as disks follow them at once.
     """
 
     weights: StepWeights
@@ -72,10 +98,16 @@ class Marching:
     contact_damping: Array
     variation: Array | None
     errors: Errors | None
+    varying: Varying | None
     torques: TorqueTable
     disturbance: Disturbance | None
     revolutions: float = field(metadata={"static": True})
     keeps_loads: bool = field(metadata={"static": True})
+
+    @property
+    def springs(self) -> int:
+        """Number V of springs that vary with the speed."""
+        return 0 if self.varying is None else self.varying.stiffness.shape[-1]
 
 
 @jax.tree_util.register_dataclass
@@ -128,12 +160,12 @@ def _torques(
     """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
     table = marching.torques
     omega = block.speeds(ENDS)
-    panel = panel_of(table, omega[1])
+    panel = panel_of(table.omega, omega[1])
 
     def nodes(harmonics: Array) -> Array:
         return jnp.stack(parabola(*harmonics[block.mode, panel]))
 
-    powers = powers_in_panel(table, panel, omega) + 0j
+    powers = powers_in_panel(table.omega, panel, omega) + 0j
 
     def at_times(harmonics: Array) -> Array:
         return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
@@ -165,14 +197,16 @@ def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class _Steps:
     """Numbers of the steps of a block, ``(STEPS, ...)``: what loads add to the state
-    ``(n,)`` and to w ``(2G,)`` in the middle and at the end; stiffness over its mean,
-    less 1, ``(3, G)`` at begin, middle and end, None where it is constant.
+    ``(n,)`` and to w ``(2 (G + V),)`` in the middle and at the end; stiffness over its
+    mean, less 1, ``(3, G)`` at begin, middle and end, None where it is constant; and those of
+    springs that vary with the speed ``(3, 2V)``.
     """
 
     state: Array
     middle: Array
     end: Array
     variation: Array | None
+    springs: Array | None
 
 
 def _at_steps(values: Array) -> tuple[Array, Array, Array]:
@@ -186,13 +220,15 @@ def _at_steps(values: Array) -> tuple[Array, Array, Array]:
 @dataclass(frozen=True)
 class _HalfSteps:
     """Numbers at the half steps of a block, ``(2 STEPS + 1, ...)``: loads ``(C,)``,
-    transmission errors and their rates ``(2G,)`` of the meshes that have a law, and
-    their stiffness over its mean, less 1, ``(G,)``; None where there are none.
+    transmission errors and their rates ``(2 (G + V),)`` of the meshes that have a law,
+    their stiffness over its mean, less 1, ``(G,)``, and stiffness and damping of the
+    springs that vary with the speed ``(2V,)``; None where there are none.
     """
 
     loads: Array
     shift: Array | None
     variation: Array | None
+    springs: Array | None
 
 
 def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
@@ -218,12 +254,23 @@ def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
         rate = block.speeds(SHARES) / marching.revolutions
         error, error_rate = _errors(errors, turning, rate)
         loads.append(error * errors.stiffness + error_rate * errors.viscous)
+        springs_at_rest = jnp.zeros((len(SHARES), marching.springs))
         shift = jnp.concatenate(
-            [error[:, errors.places], error_rate[:, errors.places]], axis=1
+            [
+                error[:, errors.places],
+                springs_at_rest,
+                error_rate[:, errors.places],
+                springs_at_rest,
+            ],
+            axis=1,
         )
     if marching.variation is not None:
         variation = _values(turning, marching.variation)
-    return _HalfSteps(jnp.concatenate(loads, axis=1), shift, variation)
+    springs = None
+    if marching.varying is not None:
+        springs = jnp.concatenate(marching.varying.at(block.speeds(SHARES)), axis=1)
+    every_load = jnp.concatenate(loads, axis=1)
+    return _HalfSteps(every_load, shift, variation, springs)
 
 
 def _teeth(marching: Marching, state: Array, half_steps: _HalfSteps) -> Array:
@@ -261,7 +308,10 @@ def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marc
         end = end - shift_end
     if half_steps.variation is not None:
         variation = jnp.stack(_at_steps(half_steps.variation), axis=1)
-    steps = _Steps(of_steps @ weights.load_state, middle, end, variation)
+    springs = None
+    if half_steps.springs is not None:
+        springs = jnp.stack(_at_steps(half_steps.springs), axis=1)
+    steps = _Steps(of_steps @ weights.load_state, middle, end, variation, springs)
 
     def step(
         carry: tuple[Array, Array], numbers: _Steps
@@ -286,17 +336,27 @@ def _step(
     linear_end = linear_end + numbers.end
     linear_middle = linear_middle + numbers.middle
     next_state = propagated(weights.propagator, state) + numbers.state
-    if not len(marching.viscous):
+    if not len(w):
         return next_state, linear_end
+    meshes = len(marching.viscous)
 
     def force(moment: int, w: Array) -> Array:
         law = marching.law
         if numbers.variation is not None:
             law = backlash.at_instant(law, numbers.variation[moment])
         deflection, rate = jnp.split(w, 2)
-        return backlash.nonlinear_force(
-            law, marching.viscous, marching.contact_damping, deflection, rate
+        of_meshes = backlash.nonlinear_force(
+            law,
+            marching.viscous,
+            marching.contact_damping,
+            deflection[:meshes],
+            rate[:meshes],
         )
+        if numbers.springs is None:
+            return of_meshes
+        stiffness, viscous = jnp.split(numbers.springs[moment], 2)
+        of_springs = stiffness * deflection[meshes:] + viscous * rate[meshes:]
+        return jnp.concatenate([of_meshes, of_springs])
 
     begin = force(0, w)
     middle = force(1, linear_middle + weights.first @ begin)

@@ -17,6 +17,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
 from jaxhb.transients.fatigue import CountedCycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
+from jaxhb.transients.march import Varying
 
 
 @by_value
@@ -54,7 +55,8 @@ class Readings:
     ``(S, C)`` each; radius ``(S,)`` m; ratio ``(S,)`` of the speeds of rotors; ends
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
-    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them.
+    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
+    links_over_speed : stiffness and viscous of all links where any depends on it.
     """
 
     displacement: Array
@@ -69,6 +71,7 @@ class Readings:
     viscous: Array
     meshes: MeshParameters
     beside: Array | None
+    links_over_speed: Varying | None
 
 
 @by_value
@@ -184,8 +187,13 @@ class Transient(Motion[History, ToothContact, Array]):
         if mesh >= 0 and mesh in places:
             return self._mesh_force(list(places).index(mesh))
         bend, rate = self._deflection(link)
-        elastic = readings.stiffness[link] * bend
-        transmitted = elastic + readings.viscous[link] * rate
+        stiffness = readings.stiffness[link]
+        viscous = readings.viscous[link]
+        if readings.links_over_speed is not None:
+            over_time = readings.links_over_speed.at(self.rpm * (np.pi / 30))
+            stiffness, viscous = (values[:, link] for values in over_time)
+        elastic = stiffness * bend
+        transmitted = elastic + viscous * rate
         return transmitted, elastic
 
     def _deflection(self, link: int) -> tuple[Array, Array]:

@@ -145,7 +145,7 @@ def transient(
         table = speed_table(seconds, speed, rpm)
         _check_balance(values, table)
         plan = Plan(table, course(values, listed, table), free=False)
-    equations = TransientEquations.of(train, values, plan.course)
+    equations = TransientEquations.of(train, values, plan)
     steps = _grid(equations, plan, seconds, refine)
     marching, readings = equations.marching(plan, steps)
     blocks = blocks_of(train, plan, steps, marching)
