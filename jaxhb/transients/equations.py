@@ -282,9 +282,9 @@ class SpringsOverSpeed:
 
         if xp is np:
             rows = [at(float(rpm)) for rpm in nodes.ravel()]
-            both = [np.stack([row[k] for row in rows]) for k in (0, 1)]
+            both: list[Array] = [np.stack([row[k] for row in rows]) for k in (0, 1)]
         else:
-            both = list(jax.vmap(at)(nodes.ravel()))
+            both = [*jax.vmap(at)(nodes.ravel())]
         stiffness, viscous = both
         shape = (*nodes.shape, stiffness.shape[-1])
         return stiffness.reshape(shape), viscous.reshape(shape)
