@@ -408,7 +408,8 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     """The ForcedResponse at speeds ``(n,)``."""
     # The host refuses numbers out of range with a sentence; where they are traced they
     # become a status.
-    valid = within_range(train) & (rpm > 0) & (rpm <= HIGHEST_RPM)
+    inside = jax.vmap(lambda speed: within_range(at_speed(train, speed)))(rpm)
+    valid = inside & (rpm > 0) & (rpm <= HIGHEST_RPM)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
     topology = train.topology
     system = None

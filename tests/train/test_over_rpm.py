@@ -13,6 +13,8 @@ from tolerances import ALGEBRAIC
 
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
+from jaxhb.design.quantities import Objective
+from jaxhb.design.tolerances import Tolerance
 from jaxhb.train import chain
 from jaxhb.train.varying import at_speed
 
@@ -288,6 +290,20 @@ def test_order_tuned_absorbers_are_solved_with_backlash_at_the_stiffness_of_the_
     )
 
 
+def test_traced_rows_out_of_range_are_a_status():
+    train = gears()
+    rows = jnp.array([[2000.0, -1e8], [4000.0, 2e8]])
+
+    @jax.jit
+    def status(rows, rpm):
+        changed = train.replace({"teeth.stiffness_over_rpm": rows})
+        return jaxhb.forced_response(changed, rpm=rpm).status
+
+    assert status(rows, 2500.0) == jaxhb.Status.INVALID_INPUT
+    # Halfway between zero and the last row.
+    assert status(rows, 3500.0) == jaxhb.Status.CONVERGED
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["forced", "planned"])
 def test_derivatives_by_the_numbers_of_rows_and_the_speed(solver):
@@ -418,3 +434,30 @@ def test_certificates_are_those_of_the_constant_train():
     ]
     assert bounds[0].holds
     assert str(bounds[0]) == str(bounds[1])
+
+
+@pytest.mark.slow
+def test_worst_cases_and_their_bounds_are_those_of_the_constant_train():
+    rpm = SPEEDS[1]
+    spreads = [
+        jaxhb.tolerance(
+            train,
+            rpm=[rpm],
+            of=[Objective(quantity="shaft torque", of="coupling")],
+            tolerances=[Tolerance(name="gear.inertia", low=0.25, high=0.35)],
+        )
+        for train in (train_of(), train_of(rpm=rpm))
+    ]
+    for name in ("nominal", "worst", "bound"):
+        own, expected = (getattr(spread, name) for spread in spreads)
+        assert np.isfinite(expected).all()
+        # Searches end at 1e-6.
+        np.testing.assert_allclose(own, expected, rtol=1e-6)
+
+
+def test_teeth_over_the_speed_have_no_single_mean_load(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = jaxhb.elements_text(parts(), reference="engine")
+    (tmp_path / "scene.toml").write_text(text)
+    refused = run("campbell scene.toml --rpm 500:1500:3 --at 900", status=2)
+    assert "mesh 'teeth' depends on the speed" in refused.err
