@@ -21,17 +21,18 @@ from jaxhb.steady.marching import Equations
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train import chain, excitation
 from jaxhb.train.chain import rigid_shape
+from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes
 from jaxhb.train.topology import Topology
 from jaxhb.train.varying import at_speed
 from jaxhb.transients import torques
-from jaxhb.transients.course import disturbance_of
+from jaxhb.transients.course import Course, disturbance_of
 from jaxhb.transients.free_speed import Plan
-from jaxhb.transients.march import Errors, Marching, Varying
+from jaxhb.transients.march import Errors, Marching, Slipping, Varying
 from jaxhb.transients.motion import Readings
-from jaxhb.transients.timeline import Grid, SpeedTable
+from jaxhb.transients.timeline import Grid
 from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
@@ -100,7 +101,10 @@ class TransientEquations:
         every = all_meshes(fixed)
         disks = plan.course.torque_disks
         columns = torques.load_columns(fixed, system, every, disks)
-        rows = springs.columns(system)
+        clutches = plan.course.clutch_links(values.topology)
+        rows = np.concatenate(
+            [springs.columns(system), system.incidence(clutches)], axis=1
+        )
         _refuse_at_static(values.topology, parts, rows)
         space = forced_space(system, parts, dense, columns, rows)
         if not traced(train):
@@ -153,6 +157,7 @@ class TransientEquations:
             variation=meshes.variation,
             errors=errors,
             varying=self.springs.varying(train, self.system, ranges),
+            slipping=_slipping(self.system, plan.course.clutch_links(topology)),
             torques=torques.torque_table(
                 plan.course.states(train),
                 plan.course.idle_states(train),
@@ -183,13 +188,14 @@ class TransientEquations:
             viscous=system.viscous,
             meshes=meshes,
             beside=self.at_hand.beside,
+            clutches=plan.course.clutch_links(topology),
             links_over_speed=self.springs.of_links(train, ranges),
         )
         return marching, readings
 
-    def begin(self, start: Any, table: SpeedTable) -> Array:
+    def begin(self, start: Any, plan: Plan) -> Array:
         """State ``(n,)`` of the motion at 0 s."""
-        first = float(table.rpm[0])
+        first = float(plan.table.rpm[0])
         disks = self.train.topology.n_disks
         if start is None:
             start = "steady" if first > 0 else "rest"
@@ -201,11 +207,16 @@ class TransientEquations:
                 )
             start = self._steady(first)
         if isinstance(start, str):
-            if start != "rest":
+            if start not in ("rest", "open"):
                 raise SceneError(
-                    f'transient: start is {start!r}: give "steady", "rest" or a motion.'
+                    f'transient: start is {start!r}: give "steady", "rest", "open" or a'
+                    " motion."
                 )
-            return 0 * self.space.coordinates[:, 0]
+            velocity = np.zeros(disks)
+            if start == "open":
+                velocity = -first * (np.pi / 30) * self._behind(plan.course)
+            rest = np.zeros(disks)
+            return self.space.coordinates @ np.concatenate([rest, velocity])
         if isinstance(start, Response):
             motion = _motion(self.train, start)
         elif isinstance(start, SteadyState):
@@ -218,6 +229,23 @@ class TransientEquations:
                 f" ({2 * disks},): displacements and velocities of {disks} disks."
             )
         return self.space.coordinates @ motion
+
+    def _behind(self, plan: Course) -> np.ndarray:
+        """Displacements ``(S,)`` m per rad of the reference rotor of the disks that
+        hang on it by clutches alone, 0 of the others.
+        """
+        topology = self.values.topology
+        clutches = plan.clutch_links(topology).tolist()
+        if not clutches:
+            raise SceneError(
+                'transient: start is "open", and no event is a clutch: start from'
+                ' "rest".'
+            )
+        joined = neighbours(topology.link_ends, topology.n_disks, clutches)
+        turning = {disk for disk, *_ in breadth_first(joined, topology.reference_disk)}
+        rigid = np.asarray(rigid_shape(self.values, displacement_radii(self.values)))
+        still = [disk not in turning for disk in range(topology.n_disks)]
+        return np.where(still, rigid, 0.0)
 
     def _steady(self, rpm: float) -> SteadyState | Response:
         """The steady motion at a speed; where the train is traced as a solution of its
@@ -240,6 +268,14 @@ class TransientEquations:
         if state.period > 1:
             train = train.repeated(state.period)
         return solve(train, rpm=rpm, start=state.response)
+
+
+def _slipping(system: System, links: np.ndarray) -> Slipping | None:
+    """The clutches of some shafts; None without any."""
+    if not len(links):
+        return None
+    ends = system.tree.end_a[links]
+    return Slipping(system.stiffness[links], system.viscous[links], system.radius[ends])
 
 
 def _motion(train: DriveTrain, response: Response) -> Array:

@@ -56,7 +56,8 @@ class Readings:
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
     beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
-    links_over_speed : stiffness and viscous of all links where any depends on it.
+    links_over_speed : stiffness and viscous of all links where any depends on it;
+    clutches ``(C,)`` : links with clutches.
     """
 
     displacement: Array
@@ -72,6 +73,7 @@ class Readings:
     meshes: MeshParameters
     beside: Array | None
     links_over_speed: Varying | None
+    clutches: np.ndarray
 
 
 @by_value
@@ -167,7 +169,7 @@ class Transient(Motion[History, ToothContact, Array]):
             variation = 2 * (waves @ one.variation).real - one.variation[0].real
             law = jax.tree.map(lambda values: values * xp.ones(len(turns)), one.law)
             one = replace(one, law=backlash.at_instant(law, variation))
-        half = self.teeth.shape[1] // 2
+        half = (self.teeth.shape[1] - len(self.readings.clutches)) // 2
         return one, self.teeth[:, place], self.teeth[:, half + place]
 
     def _mesh_force(self, place: int) -> tuple[Array, Array]:
@@ -186,6 +188,10 @@ class Transient(Motion[History, ToothContact, Array]):
         mesh = link - self._shafts
         if mesh >= 0 and mesh in places:
             return self._mesh_force(list(places).index(mesh))
+        clutches = list(readings.clutches)
+        if link in clutches:
+            carried = self.teeth[:, clutches.index(link) - len(clutches)]
+            return carried, carried
         bend, rate = self._deflection(link)
         stiffness = readings.stiffness[link]
         viscous = readings.viscous[link]
