@@ -107,6 +107,8 @@ PRESSURE = ("angle", "pressure")
 OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
 SN_CURVE = ("cycles", "stress")
+DAMPING_OVER_RPM = ("rpm", "damping")
+STIFFNESS_OVER_RPM = ("rpm", "stiffness")
 """Columns of rows."""
 
 

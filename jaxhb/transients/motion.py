@@ -20,6 +20,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 from jaxhb.transients.fatigue import CountedCycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
+from jaxhb.transients.march import Varying
 
 if TYPE_CHECKING:
     from jaxhb.results.dataset import Dataset
@@ -65,7 +66,9 @@ class Readings:
     ``(S, C)`` each; radius ``(S,)`` m; ratio ``(S,)`` of the speeds of rotors; ends
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
-    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them.
+    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
+    links_over_speed : stiffness and viscous of all links where any depends on it;
+    clutches ``(C,)`` : links with clutches.
     """
 
     displacement: Array
@@ -80,6 +83,8 @@ class Readings:
     viscous: Array
     meshes: MeshParameters
     beside: Array | None
+    links_over_speed: Varying | None
+    clutches: np.ndarray
 
 
 @by_value
@@ -250,7 +255,7 @@ class Transient(Motion[History, ToothContact, Array]):
             variation = 2 * (waves @ one.variation).real - one.variation[0].real
             law = jax.tree.map(lambda values: values * xp.ones(len(turns)), one.law)
             one = replace(one, law=backlash.at_instant(law, variation))
-        half = self.teeth.shape[1] // 2
+        half = (self.teeth.shape[1] - len(self.readings.clutches)) // 2
         return one, self.teeth[:, place], self.teeth[:, half + place]
 
     def _mesh_force(self, place: int) -> tuple[Array, Array]:
@@ -269,9 +274,18 @@ class Transient(Motion[History, ToothContact, Array]):
         mesh = link - self._shafts
         if mesh >= 0 and mesh in places:
             return self._mesh_force(list(places).index(mesh))
+        clutches = list(readings.clutches)
+        if link in clutches:
+            carried = self.teeth[:, clutches.index(link) - len(clutches)]
+            return carried, carried
         bend, rate = self._deflection(link)
-        elastic = readings.stiffness[link] * bend
-        transmitted = elastic + readings.viscous[link] * rate
+        stiffness = readings.stiffness[link]
+        viscous = readings.viscous[link]
+        if readings.links_over_speed is not None:
+            over_time = readings.links_over_speed.at(self.rpm * (np.pi / 30))
+            stiffness, viscous = (values[:, link] for values in over_time)
+        elastic = stiffness * bend
+        transmitted = elastic + viscous * rate
         return transmitted, elastic
 
     def _deflection(self, link: int) -> tuple[Array, Array]:

@@ -13,19 +13,23 @@ import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
 from jaxhb.elements.sentences import SceneError
+from jaxhb.linear.mesh_modes import STRAINED
+from jaxhb.linear.modal import natural_frequencies
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
 from jaxhb.train import excitation
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import main_speed
 from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.varying import at_speed
 from jaxhb.transients import torques
 from jaxhb.transients.course import (
     Course,
     course,
     event_corners,
     occurrences,
+    refuse_clutches,
     refuse_moving_jumps,
-    refuse_unsupported,
 )
 from jaxhb.transients.equations import TransientEquations
 from jaxhb.transients.free_speed import MeanRotation, Plan, free_plan, rotated
@@ -50,6 +54,8 @@ STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
 MOST_STEPS = 2**26
 MEMORY = 2**31  # B of states
+# Modes above do not ring noticeably after a torque that jumps.
+HIGHEST_RINGING_HZ = 500.0
 IMBALANCE = 1e-6  # share of the mean torques that counts as balanced
 
 Speed = float | Sequence[Sequence[float]] | str
@@ -86,10 +92,11 @@ def transient(
         the last one, or from ``rpm`` on as the torques of the excitation, of loads by
         their laws over the speed and of events drive it.
     events : names of events and sequences of the scene
-    start : "steady", "rest", SteadyState, Response or array ``(2S,)``
+    start : "steady", "rest", "open", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
-        that is 0 rpm); "rest": no vibration, the links without torque; or
-        displacements in m and velocities in m/s of the disks.
+        that is 0 rpm); "rest": no vibration, the links without torque; "open": the
+        same, and what hangs on the reference rotor by clutches of events alone stands
+        still; or displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
     record : float, optional
@@ -137,7 +144,7 @@ def transient(
             " outside; jax.grad and jax.jvp of it work"
         )
     listed = occurrences(values, events)
-    refuse_unsupported(values.topology, listed)
+    refuse_clutches(values.topology, listed)
     refuse_moving_jumps(train, listed)
     if isinstance(speed, str):
         plan = free_plan(values, seconds, speed, rpm, listed)
@@ -145,13 +152,13 @@ def transient(
         table = speed_table(seconds, speed, rpm)
         _check_balance(values, table)
         plan = Plan(table, course(values, listed, table), free=False)
-    equations = TransientEquations.of(train, values, plan.course)
+    equations = TransientEquations.of(train, values, plan)
     steps = _grid(equations, plan, seconds, refine)
     marching, readings = equations.marching(plan, steps)
     blocks = blocks_of(train, plan, steps, marching)
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
-    state = equations.begin(start, plan.table)
+    state = equations.begin(start, plan)
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
     marched = _march(marching, state, blocks, recording, progress)
     return _result(train, blocks, recording, marched, readings, equations.notes)
@@ -223,8 +230,8 @@ def _grid(
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
     wave = fastest * excitation.highest_harmonic(values)
     wave = max(wave, highest_event_hz(values, plan.course))
-    of_teeth = STEPS_PER_MODE_PERIOD * equations.highest_hz
-    rate = max(STEPS_PER_WAVE * wave, of_teeth) * refine
+    modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
+    rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
     if rate * seconds > MOST_STEPS:
         raise SceneError(
             f"{title}: {seconds:g} s take {rate * seconds:.3g} steps of {1 / rate:.3g}"
@@ -237,6 +244,23 @@ def _grid(
     if not plan.free:
         corners += table.seconds.tolist()
     return grid(seconds, corners, 1 / rate)
+
+
+def _highest_mode_hz(train: DriveTrain, plan: Course) -> float:
+    """Frequency in Hz of the highest mode that has to be resolved as clutches strain
+    it, or as torques that jump let it ring; 0 where nothing does.
+    """
+    clutches = plan.clutch_links(train.topology)
+    jumps = plan.of_kind("step", "table", "pulse", "decaying", "ice")
+    if not (len(clutches) or jumps):
+        return 0.0
+    modes = natural_frequencies(at_speed(train, float(main_speed(train))))
+    hz = modes.frequencies_hz
+    strained = (modes.strain_share[:, clutches] > STRAINED).any(axis=1)
+    ringing = np.zeros(len(hz), dtype=bool)
+    if jumps:
+        ringing = hz <= HIGHEST_RINGING_HZ
+    return float(np.max(hz[strained | ringing], initial=0.0))
 
 
 def highest_event_hz(train: DriveTrain, plan: Course) -> float:
@@ -284,13 +308,13 @@ def _march(
     """March through all blocks, chunk by chunk."""
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
-    begin = first_instant(marching, state, first_block)
-    instants = _Instants(begin, recording, count, traced(marching, state, blocks))
+    instant, kept = first_instant(marching, state, first_block)
+    instants = _Instants(kept, recording, count, traced(marching, state, blocks))
     # Derivatives backwards keep the state at the begin of every part alone.
     marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
     for first in range(0, count, CHUNK):
         part = jax.tree.map(lambda values: values[first : first + CHUNK], blocks)  # noqa: B023
-        state, marched = marched_part(marching, state, padded(part, CHUNK))
+        instant, marched = marched_part(marching, instant, padded(part, CHUNK))
         instants.add(marched, len(part.begin))
         if progress is not None:
             progress(min(first + CHUNK, count) / count)
