@@ -219,6 +219,18 @@ def test_at_a_constant_speed_orders_go_over_the_time(scene, run, pictures):
     assert over_time.panels[1].title.startswith("tooth force")
 
 
+def test_where_the_speed_goes_up_and_down_all_goes_over_the_time(run, scene, pictures):
+    line = f"transient {scene} --seconds 3 --speed 0:360,1.5:480,3:360"
+    run(line, "plot")
+    assert [figure.x.title for figure in pictures] == ["time, s"] * 3
+    steady = pictures[1].traces[2]
+    # The same speeds come again in the other order, in windows at other times
+    there = np.array(steady["y"])
+    assert there[2] == pytest.approx(
+        np.interp(3 - steady["x"][2], steady["x"], there), rel=1e-2
+    )
+
+
 def test_a_picture_of_many_instants_keeps_their_extremes(run, pictures):
     run(HAMMER.replace("0.1 --speed", "0.3 --speed"), "plot")
     train = jaxhb.load_scene("spur_pair")

@@ -12,8 +12,8 @@ import numpy as np
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     Axis,
+    Band,
     Figure,
-    Trace,
     bands,
     figure,
     line,
@@ -46,7 +46,8 @@ def plot_transient(
 ) -> Picture:
     """Draw the torque of a shaft or damper, or the force of a mesh, with the speed over
     time; its extremes in a cycle over the speed beside those of the steady motion; and
-    its largest orders over the speed. Barred ranges of speeds are grey.
+    its largest orders over the speed. Where the speed goes up and down they are drawn
+    over the time. Barred ranges of speeds are grey.
     """
     run = report.run
     signal = signal_for_people(run, link)
@@ -124,18 +125,33 @@ def _beside_steady(
     cycle = report.topology.revolutions_per_cycle
     envelope = shown.signal.envelope_of_cycles(cycle)
     factor = shown.factor
+    across = _Across(report)
+    x = across.places(envelope.time, envelope.rpm)
     traces = [
-        line(envelope.rpm, factor * envelope.highest, "transient", look={"width": 2}),
+        line(x, factor * envelope.highest, "transient", look={"width": 2}),
         line(
-            envelope.rpm,
+            x,
             factor * envelope.lowest,
             "transient",
             look={"width": 2},
             showlegend=False,
         ),
-        _steady_line(steady, factor * steady.highest),
-        _steady_line(steady, factor * steady.lowest, showlegend=False),
     ]
+    for values, named in ((steady.highest, True), (steady.lowest, False)):
+        there = steady.rpm
+        if not across.by_speed:
+            there = x
+            values = np.interp(envelope.rpm, steady.rpm, values)
+        traces.append(
+            line(
+                there,
+                factor * values,
+                "steady motion",
+                1,
+                mode="lines+markers" if across.by_speed else "lines",
+                showlegend=named,
+            )
+        )
     every = [factor * row for row in (envelope.highest, envelope.lowest)]
     every += [factor * row for row in (steady.highest, steady.lowest)]
     known = np.concatenate(every)
@@ -144,38 +160,42 @@ def _beside_steady(
     )
     return figure(
         caption,
-        Axis("speed, rpm", speed_range(steady.rpm)),
+        across.axis,
         [Axis(shown.title, _range(known[np.isfinite(known)]))],
         traces,
         height=TALL,
-        bands=_barred(report),
+        bands=across.bands,
     )
 
 
-def _steady_line(
-    steady: SteadyExtremes, values: np.ndarray, showlegend: bool = True
-) -> Trace:
-    """Make a line of the steady motion, with marks at the speeds that were computed."""
-    return line(
-        steady.rpm,
-        values,
-        "steady motion",
-        1,
-        mode="lines+markers",
-        showlegend=showlegend,
-    )
+class _Across:
+    """Axis of figures of windows: the speed where it goes one way, else the time."""
 
+    def __init__(self, report: TransientReport):
+        run = report.run
+        change = np.diff(np.asarray(run.rpm))
+        still = 1e-9 * float(np.max(run.rpm))
+        one_way = bool(np.all(change >= -still) or np.all(change <= still))
+        speeds = speeds_passed(run, 2)
+        self.by_speed = one_way and len(speeds) > 0
+        self.axis = Axis("time, s", (0.0, float(run.time[-1])))
+        self.bands: list[Band] = []
+        if self.by_speed:
+            self.axis = Axis("speed, rpm", speed_range(speeds))
+            self.bands = bands(
+                (passage.low, passage.high)
+                for passage in report.passages
+                if passage.barred
+            )
 
-def _barred(report: TransientReport) -> list:
-    """Make grey bands of the barred ranges."""
-    return bands(
-        [(passage.low, passage.high) for passage in report.passages if passage.barred]
-    )
+    def places(self, time: np.ndarray, rpm: np.ndarray) -> np.ndarray:
+        """Return places of windows on the axis."""
+        return rpm if self.by_speed else time
 
 
 def _orders(report: TransientReport, shown: _Shown) -> Figure | None:
-    """Make the figure of the largest orders over the speed, over time where the speed
-    stays; None where the rotor turns too little.
+    """Make the figure of the largest orders over the speed, or the time; None
+    where the rotor turns too little.
     """
     signal = shown.signal
     topology = report.topology
@@ -194,16 +214,12 @@ def _orders(report: TransientReport, shown: _Shown) -> Figure | None:
     highest = amplitudes.max(axis=0)
     largest = np.argsort(-highest, kind="stable")[:MOST_ORDERS]
     largest = largest[highest[largest] >= SMALLEST * highest.max()]
-    speeds = speeds_passed(report.run, 2)
-    passed = len(speeds) > 0
-    x = spectra.rpm if passed else spectra.time
+    across = _Across(report)
+    x = across.places(spectra.time, spectra.rpm)
     traces = [
         line(x, amplitudes[:, k], f"order {orders[k]:g}", style)
         for style, k in enumerate(sorted(largest))
     ]
-    axis = Axis("time, s", (0.0, float(signal.time[-1])))
-    if passed:
-        axis = Axis("speed, rpm", speed_range(speeds))
     which = "the largest orders" if len(traces) > 1 else traces[0]["name"]
     caption = (
         f"{shown.called}: amplitudes of {which} in windows of {cycles * cycle:g}"
@@ -211,9 +227,9 @@ def _orders(report: TransientReport, shown: _Shown) -> Figure | None:
     )
     return figure(
         caption,
-        axis,
+        across.axis,
         [Axis(shown.title, (0.0, 1.08 * float(highest.max()) or 1.0))],
         traces,
         height=TALL,
-        bands=_barred(report) if passed else (),
+        bands=across.bands,
     )
