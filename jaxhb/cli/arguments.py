@@ -197,10 +197,12 @@ class TransientOptions(ComputedOptions, FiringOptions):
 class ReportOptions(
     ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
 ):
-    """Options of ``jaxhb report``."""
+    """Options of ``jaxhb report``; ``transient`` are the rows of (s, rpm) of one."""
 
     rpm: list[float]
     at: float | None
+    transient: list[tuple[float, float]] | None
+    event: tuple[str, ...]
     gear: str | None
     certify: bool
     tuned: str | None

@@ -522,7 +522,9 @@ def sweep() -> None:
 )
 @options.file("json", "write peaks and trouble in full precision, SI units")
 @options.file("csv", "write torques and tooth forces over time, SI units")
-@options.file("netcdf", "write all signals over time as labelled arrays")
+@options.file(
+    "netcdf", "write all signals over time as labelled arrays (needs jaxhb[data])"
+)
 @options.plot(
     "one torque and the speed over time, beside the steady motion, and its orders"
 )
@@ -567,6 +569,18 @@ def transient() -> None:
     "--tuned SCENE",
     "add another design to the page, as jaxhb tune writes it",
     shell_complete=of_scenes,
+)
+@option(
+    "--transient S:RPM,...",
+    "add a transient to the page, as --speed of jaxhb transient gives it, up to the"
+    " last row",
+    speed_rows,
+)
+@option(
+    "--event NAME",
+    "an [[event]] or a [sequence.NAME] of that transient; may be repeated",
+    multiple=True,
+    shell_complete=of_elements("event"),
 )
 @option(
     "--tolerances",

@@ -30,6 +30,7 @@ from jaxhb.report.answer import Case
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
+from jaxhb.report.figures.transients import transient_figures
 from jaxhb.report.files.compared import of_answers
 from jaxhb.report.files.formats import FORMATS, deliver, named
 from jaxhb.report.files.numbers import answer_row, cases_record, labelled, on_scene
@@ -42,9 +43,15 @@ from jaxhb.report.files.output import (
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import case_title, cylinder_of, idle_title
 from jaxhb.report.text import cases as case_text
-from jaxhb.report.text.sentences import warnings
+from jaxhb.report.text.sentences import remarks_text, warnings
 from jaxhb.report.text.tolerances import tolerance_parts
+from jaxhb.report.text.transients import transient_parts
 from jaxhb.report.text.tuned import tuned_parts
+from jaxhb.report.transients import (
+    governing_link,
+    steady_extremes,
+    transient_report,
+)
 from jaxhb.results.checkpoint import place_in
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.input_files import read_bytes
@@ -52,6 +59,7 @@ from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.transients.transient import transient as march_transient
 
 SECOND = "second design"
 TUNED = "tuned design"
@@ -63,8 +71,8 @@ class _Computed:
     """Everything that a report computes.
 
     place : number of the speed that is shown in full; seconds : cases of a second
-    design; tuning, tolerances : words, tables and figures on how it was tuned and on
-    what the tolerances do
+    design; tuning, tolerances, transient : words, tables and figures on how it was
+    tuned, on what the tolerances do, and on a transient
     """
 
     cases: list[Case]
@@ -72,6 +80,7 @@ class _Computed:
     seconds: list[Case]
     tuning: tuple
     tolerances: tuple
+    transient: tuple
 
 
 def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
@@ -141,6 +150,10 @@ def _compute(
     titles; answers are kept in the ``folder``.
     """
     rpm = arguments.rpm
+    transient: tuple = ()
+    if arguments.transient:
+        # First: of all that is computed it alone may be refused.
+        transient = _transient(train, arguments, progress.say)
     cases = solve_cases(
         trains,
         rpm,
@@ -182,7 +195,7 @@ def _compute(
         say=progress.say,
         advance=progress.advance,
     )
-    return _Computed(cases, place, seconds, tuning, tolerances)
+    return _Computed(cases, place, seconds, tuning, tolerances, transient)
 
 
 def _deliver(
@@ -233,6 +246,12 @@ def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain
         raise OutputError(f"--{option}: the second design appears {without_page}")
     if arguments.tolerances and not shown:
         raise OutputError(f"--tolerances: they appear {without_page}")
+    if arguments.event and not arguments.transient:
+        raise OutputError(
+            "--event: it is one of a transient. Add --transient S:RPM,..."
+        )
+    if arguments.transient and not shown:
+        raise OutputError(f"--transient: it appears {without_page}")
     if arguments.tune:
         read_table(train)
     if arguments.tolerances:
@@ -274,6 +293,30 @@ def _tolerances(
     )
     parts = tolerance_parts(spread, check_spread(spread, say))
     return (*tolerance_figures(spread), *parts)
+
+
+def _transient(
+    train: DriveTrain, arguments: cli.ReportOptions, say: Callable[[str], None]
+) -> tuple:
+    """Words, tables and figures of a transient of the train."""
+    rows = arguments.transient
+    assert rows  # else none was asked for
+    say("marching the transient")
+    run = march_transient(
+        train, seconds=rows[-1][0], speed=rows, events=arguments.event
+    )
+    report = transient_report(
+        run,
+        start="steady" if rows[0][1] > 0 else "rest",
+        events=arguments.event,
+        passages=(),
+    )
+    parts = (*transient_parts(report), *remarks_text(run.notes))
+    if not train.topology.link_names:
+        return parts
+    link = governing_link(report)
+    steady = steady_extremes(run, link)
+    return (*parts, *transient_figures(report, link, steady))
 
 
 def _second_designs(
@@ -352,6 +395,7 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         seconds=computed.seconds,
         tuning=computed.tuning,
         tolerances=computed.tolerances,
+        transient=computed.transient,
         facts=_facts(arguments),
         description=scene_description(arguments.scene),
         scene=scene_text(arguments.scene)[0],

@@ -242,6 +242,21 @@ def test_a_picture_of_many_instants_keeps_their_extremes(run, pictures):
     assert min(drawn_force["y"]) == pytest.approx(float(force.min) / 1e3, rel=1e-3)
 
 
+def test_the_page_of_a_report_shows_a_transient(run, scene):
+    speed = "--transient 0:360,2:480,3:480"
+    completed = run(f"report {scene} --rpm 400,500 {speed} --event kick", "html")
+    text = completed.path("html").read_text(encoding="utf-8")
+    section = text[text.rindex("&ensp;Transient") : text.rindex("&ensp;Limits")]
+    for words in (
+        "line: 3 s from 360 to 480 rpm, from the steady motion; events: kick",
+        "Torsional stress of shafts, MPa: half of peak-to-peak torque within a cycle",
+        "Torque of line shaft over time",
+        "beside the steady motion",
+        "amplitudes of the largest orders",
+    ):
+        assert words in section
+
+
 def test_scenarios_are_compared_by_the_time_of_their_peaks(scene, run, tmp_path):
     path = tmp_path / "modes.toml"
     path.write_text(

@@ -44,10 +44,20 @@ TALL = 190  # pixels of a panel of signals
 def plot_transient(
     report: TransientReport, link: str, steady: SteadyExtremes | None
 ) -> Picture:
-    """Draw the torque of a shaft or damper, or the force of a mesh, with the speed over
-    time; its extremes in a cycle over the speed beside those of the steady motion; and
-    its largest orders over the speed. Where the speed goes up and down they are drawn
-    over the time. Barred ranges of speeds are grey.
+    """Draw the :func:`transient_figures`."""
+    figures = transient_figures(report, link, steady)
+    return drawn(*figures, title=train_name(report.topology))
+
+
+def transient_figures(
+    report: TransientReport, link: str, steady: SteadyExtremes | None
+) -> list[Figure]:
+    """Make the figures of the torque of a shaft or damper, or the force of a mesh, with
+    the speed over time; of its extremes in a cycle over the speed beside those of the
+    steady motion; and of its largest orders over the speed.
+
+    Where the speed goes up and down the last two go over the time. Barred ranges of
+    speeds are grey.
     """
     run = report.run
     signal = signal_for_people(run, link)
@@ -61,7 +71,7 @@ def plot_transient(
     orders = _orders(report, shown)
     if orders is not None:
         figures.append(orders)
-    return drawn(*figures, title=train_name(run.topology))
+    return figures
 
 
 class _Shown:

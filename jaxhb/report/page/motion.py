@@ -14,7 +14,7 @@ from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
-from jaxhb.report.page.parts import Block, Heading, Report
+from jaxhb.report.page.parts import Block, Heading, Report, flowing
 from jaxhb.report.selection import subject_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import hardest_of, speed_tables
@@ -238,3 +238,10 @@ def _beside(cases: Sequence[Case], most: int) -> list[Block]:
         names = tuple(name for name in first.names if name in second.names)
         blocks += swings(dataclasses.replace(first, names=names), cases, most)
     return blocks
+
+
+def transient(report: Report) -> list[Block]:
+    """Show a transient where one was asked for."""
+    return [
+        flowing(block) if type(block) is str else block for block in report.transient
+    ]

@@ -15,6 +15,7 @@ from jaxhb.report.page.motion import (
     one_speed,
     second_design,
     swings,
+    transient,
 )
 from jaxhb.report.page.parts import Block, Report, environment
 from jaxhb.report.page.train import assumptions, train_data
@@ -36,6 +37,7 @@ PARTS: dict[str, Callable[[Report], list[Block]]] = {
     ),
     "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
     "One speed in full": one_speed,
+    "Transient": transient,
     "Limits": limits,
     "Tolerances": lambda report: list(report.tolerances),
     "Second design": second_design,

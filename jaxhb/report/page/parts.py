@@ -48,7 +48,8 @@ class Report:
     (``place_asked``); gear : whose torque is shown over the cycle; seconds : another
     design at the same speeds as it runs, then with the misfire that is shown, if it can
     have it; tuning : words and tables that tell how it was found; tolerances : figures,
-    words and tables on the effects of the tolerances of the scene; facts : where the
+    words and tables on the effects of the tolerances of the scene; transient : words,
+    tables and figures of a transient; facts : where the
     page comes from;
     description, scene : the description in the scene, and its text; elements,
     second_elements : the elements of the scenes of both designs by name, see
@@ -63,6 +64,7 @@ class Report:
     seconds: list[Case] = field(default_factory=list)
     tuning: tuple = ()
     tolerances: tuple = ()
+    transient: tuple = ()
     facts: dict[str, str] = field(default_factory=dict)
     description: str = ""
     scene: str = ""

@@ -31,12 +31,15 @@ from jaxhb.transients.motion import ToothContact
 
 
 def transient_text(report: TransientReport) -> str:
-    """Tell a transient: verdict, duration and speeds, tables, passages, notes."""
+    """Tell a transient, with the notes on its scene."""
+    notes = remarks_text([*plausibility(report.run.train), *report.run.notes])
+    return "\n\n".join([*transient_parts(report), *notes])
+
+
+def transient_parts(report: TransientReport) -> list[str]:
+    """Make verdict, duration and speeds, tables, passages, and what limits are of."""
     parts = [_head(report), *_tables(report), *_stress_parts(report)]
-    parts += _passage_parts(report)
-    parts += _rule_parts(report)
-    remarks = [*plausibility(report.run.train), *report.run.notes]
-    return "\n\n".join([*parts, *remarks_text(remarks)])
+    return [*parts, *_passage_parts(report), *_rule_parts(report)]
 
 
 def transient_verdict(report: TransientReport) -> str:
