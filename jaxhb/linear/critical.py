@@ -145,7 +145,7 @@ def excited_orders(train: DriveTrain, *, rpm: Sequence[float] | Array) -> list[f
     """Orders of the reference rotor, rising, in which the excitation has at any speed a
     torque above 1e-3 of the largest.
     """
-    harmonics = listed_harmonic(train.topology)
+    harmonics = listed_harmonic(train.topology, beside_lines=True)
     torque = [
         np.abs(np.asarray(_torques(train, speed, harmonics))).max(0) for speed in rpm
     ]
@@ -357,7 +357,7 @@ def _torques(train: DriveTrain, rpm: Number, harmonics: int) -> Array:
     """Torques ``(S, N+1)`` in N m on the disks, from the excitation and the
     transmission errors of the meshes.
     """
-    torque = excitation(train, rpm, harmonics)[0]
+    torque, _, _ = excitation(train, rpm, harmonics, beside_lines=True)
     meshes = all_meshes(at_speed(train, rpm))
     if meshes.error is None:
         return torque

@@ -20,7 +20,7 @@ from jaxhb.results.quantities import (
     read,
     variables_of,
 )
-from jaxhb.results.signal import Signal
+from jaxhb.results.signal import Lines, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -210,11 +210,19 @@ def _numbers(
 def _together(signals: Sequence[Signal]) -> Signal:
     """Signals of one motion as one, with a leading axis."""
     first = signals[0]
+    lines = None
+    if first.lines is not None:
+        every = [signal.lines for signal in signals if signal.lines is not None]
+        lines = Lines(
+            np.stack([each.hz for each in every]),
+            np.stack([each.coefficients for each in every]),
+        )
     return Signal(
         np.stack([signal.coefficients for signal in signals]),
         None,
         first.revolutions_per_cycle,
         first.resolution,
+        lines=lines,
     )
 
 

@@ -132,7 +132,7 @@ class TransientEquations:
         topology = train.topology
         xp = namespace(train)
         meshes = law_meshes(self.fixed)
-        harmonics = excitation.listed_harmonic(topology)
+        harmonics = excitation.listed_harmonic(topology, beside_lines=True)
         weights = [step_weights(self.space, h) for h in steps.lengths]
         stacked: StepWeights = jax.tree.map(lambda *rows: xp.stack(rows), *weights)
         lowest = float(plan.table.rpm.min())

@@ -144,7 +144,9 @@ def torque_table(
     patterns = load_patterns(train, harmonics)[:, disks]
 
     def over_panels(other: DriveTrain) -> Array:
-        torque, balancing, _ = excitation.excitation(other, rpm.ravel(), harmonics)
+        torque, balancing, _ = excitation.excitation(
+            other, rpm.ravel(), harmonics, beside_lines=True
+        )
         torque = torque[:, disks].reshape(*rpm.shape, len(disks), harmonics + 1)
         if free:
             change = load_torques(train, rpm) - balancing.reshape(*rpm.shape, -1)

@@ -199,7 +199,7 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
     if topology.ground_disk or topology.load_disk:
         return
     rpm = float(table.rpm[0])
-    torque, _, imbalance = excitation.excitation(train, rpm, 1)
+    torque, _, imbalance = excitation.excitation(train, rpm, 1, beside_lines=True)
     largest = np.abs(torque[:, 0]).max(initial=0.0)
     if abs(float(imbalance)) > IMBALANCE * largest:
         raise SceneError(
@@ -221,7 +221,7 @@ def _grid(
         )
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
-    wave = fastest * excitation.highest_harmonic(values)
+    wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
     wave = max(wave, highest_event_hz(values, plan.course))
     of_teeth = STEPS_PER_MODE_PERIOD * equations.highest_hz
     rate = max(STEPS_PER_WAVE * wave, of_teeth) * refine
