@@ -55,7 +55,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import (
     excitation,
     line_disks,
-    lines_at,
+    line_torques,
     listed_harmonic,
     load_power_kW,
 )
@@ -563,18 +563,6 @@ def _fields(
         "link_power": link_power,
         "input_power": input_power,
     }
-
-
-def line_torques(train: DriveTrain, rpm: Number) -> tuple[Array, Array]:
-    """Frequency ``(L,)`` Hz of every line of torques, and the coefficients ``(S, L)`` N
-    m on the disks; those of one frequency act together, as the first of them.
-    """
-    hz, coefficients = lines_at(train, rpm)
-    xp = namespace(hz, coefficients)
-    seats = np.eye(train.topology.n_disks)[:, line_disks(train.topology)]
-    first = xp.argmax(hz[:, None] == hz, axis=1)
-    together = first[:, None] == np.arange(len(hz))
-    return hz, (seats * coefficients) @ (together + 0j)
 
 
 def _square(values: Array) -> Array:

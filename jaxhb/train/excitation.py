@@ -12,6 +12,7 @@ that it takes the lines, too (:func:`lines_at`).
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from functools import lru_cache, partial
 
@@ -24,7 +25,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.orders import add_rows, highest_rows
 from jaxhb.train.kinematics import speed_ratios
-from jaxhb.train.tables import TrainArrays
+from jaxhb.train.tables import Train, TrainArrays
 from jaxhb.train.topology import Topology
 
 
@@ -116,6 +117,34 @@ def lines_at(train: TrainArrays, rpm: Number) -> tuple[Array, Array]:
     ]
     hz = xp.concatenate([frequencies for frequencies, _ in lines])
     return hz, xp.concatenate([torque for _, torque in lines], axis=-1)
+
+
+def line_torques(train: TrainArrays, rpm: Number) -> tuple[Array, Array]:
+    """Frequency ``(L,)`` Hz of every line, and the coefficients ``(..., S, L)`` in N m
+    on the disks at ``rpm`` ``(...)``; those of one frequency act together, as the
+    first of them.
+    """
+    hz, coefficients = lines_at(train, rpm)
+    xp = namespace(hz, coefficients)
+    seats = np.eye(train.topology.n_disks)[:, line_disks(train.topology)]
+    if not len(hz):
+        return hz, seats * coefficients[..., None, :]
+    first = xp.argmax(hz[:, None] == hz, axis=1)
+    together = first[:, None] == np.arange(len(hz))
+    return hz, (seats * coefficients[..., None, :]) @ (together + 0j)
+
+
+def without_lines(train: Train) -> Train:
+    """The same train without lines at fixed frequencies."""
+    numbers = {}
+    every_seats = []
+    for table, (kind, own_numbers, seats) in zip(
+        EXCITATIONS, train.excited(), strict=True
+    ):
+        numbers[table], without = kind.without_lines(own_numbers, seats)
+        every_seats.append(without)
+    topology = dataclasses.replace(train.topology, excitations=tuple(every_seats))
+    return dataclasses.replace(train, topology=topology, excitations=numbers)
 
 
 def refuse_lines(topology: Topology) -> None:

@@ -13,6 +13,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.equations.state_space import Partition, loss_damping, partition, state_space
 from jaxhb.equations.system import System
+from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
 from jaxhb.solutions.solve import solve
@@ -219,11 +220,46 @@ class TransientEquations:
             )
         return self.space.coordinates @ motion
 
+    def notes_on_start(self, start: Any, table: SpeedTable) -> tuple[str, ...]:
+        """Notes on the motion at 0 s."""
+        names = excitation.line_names(self.train.topology)
+        by_default = start is None and table.rpm[0] > 0
+        steady = by_default or (isinstance(start, str) and start == "steady")
+        if not (names and steady) or self._is_linear:
+            return ()
+        return (
+            "it starts from the steady motion without the lines at fixed frequencies of"
+            f" {', '.join(names)}",
+        )
+
+    @property
+    def _is_linear(self) -> bool:
+        """Whether the train is linear, of constant numbers at one speed."""
+        topology = self.train.topology
+        return topology.linear_in_contact and not topology.has_law.any()
+
+    def _linear_steady(self, rpm: float) -> ForcedResponse:
+        """The steady motion of a linear train at a speed, lines at fixed frequencies
+        among it.
+        """
+        response = forced_response(self.values, rpm=rpm)
+        if not response.converged:
+            raise SceneError(
+                f"transient: the steady motion at {rpm:g} rpm is unknown:"
+                f' {response.status_name}: start from "rest".'
+            )
+        if traced(self.train):
+            return forced_response(self.train, rpm=rpm)
+        return response
+
     def _steady(self, rpm: float) -> SteadyState | Response:
         """The steady motion at a speed; where the train is traced as a solution of its
-        equations, which has derivatives.
+        equations, which has derivatives. Lines at fixed frequencies are part of it
+        where the train is linear.
         """
-        state = steady_state(self.values, rpm=rpm)
+        if excitation.line_names(self.train.topology) and self._is_linear:
+            return self._linear_steady(rpm)
+        state = steady_state(excitation.without_lines(self.values), rpm=rpm)
         if not state.known:
             raise SceneError(
                 f"transient: the steady motion at {rpm:g} rpm is unknown:"
@@ -236,7 +272,7 @@ class TransientEquations:
                 f"transient: the steady motion at {rpm:g} rpm is {state.kind} and has"
                 ' no derivatives: start from "rest", or give its motion.'
             )
-        train = self.train
+        train = excitation.without_lines(self.train)
         if state.period > 1:
             train = train.repeated(state.period)
         return solve(train, rpm=rpm, start=state.response)
@@ -244,13 +280,18 @@ class TransientEquations:
 
 def _motion(train: DriveTrain, response: Response) -> Array:
     """Motion (x, x') ``(2S,)`` of the disks at the begin of a cycle of a response, with
-    its derivatives.
+    its derivatives; lines at fixed frequencies as they are at 0 s.
     """
     angles = response.angles * displacement_radii(train)[:, None]
     omega = response.topology.cycle_frequency(response.rpm)
     xp = namespace(angles)
     both = xp.concatenate([angles, fourier.derivative(angles, omega)])
-    return fourier.sample(both, 1)[:, 0]
+    motion = fourier.sample(both, 1)[:, 0]
+    if response.lines is None:
+        return motion
+    lines = response.lines.angles * displacement_radii(train)[:, None]
+    rates = 2j * np.pi * response.lines.hz * lines
+    return motion + 2 * xp.concatenate([lines, rates]).real.sum(axis=-1)
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,8 @@ from jaxhb.transients.timeline import (
     speed_table,
 )
 
-# Steps per period of the highest harmonic of the excitation at the highest speed, and
-# of the highest mode that teeth notice.
+# Steps per period of the highest harmonic of the excitation at the highest speed and of
+# the highest line, and of the highest mode that teeth notice.
 STEPS_PER_WAVE = 32
 STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
@@ -88,7 +88,8 @@ def transient(
     events : names of events and sequences of the scene
     start : "steady", "rest", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
-        that is 0 rpm); "rest": no vibration, the links without torque; or
+        that is 0 rpm), of a train that is not linear without its lines at fixed
+        frequencies, and a note says so; "rest": no vibration, the links without torque; or
         displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
@@ -152,9 +153,10 @@ def transient(
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
     state = equations.begin(start, plan.table)
+    notes = (*equations.notes, *equations.notes_on_start(start, plan.table))
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
     marched = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, marched, readings, equations.notes)
+    return _result(train, blocks, recording, marched, readings, notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
@@ -222,7 +224,8 @@ def _grid(
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
     wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
-    wave = max(wave, highest_event_hz(values, plan.course))
+    lines_hz, _ = excitation.lines_at(values, float(table.rpm.max()))
+    wave = max(wave, highest_event_hz(values, plan.course), *lines_hz.tolist())
     of_teeth = STEPS_PER_MODE_PERIOD * equations.highest_hz
     rate = max(STEPS_PER_WAVE * wave, of_teeth) * refine
     if rate * seconds > MOST_STEPS:

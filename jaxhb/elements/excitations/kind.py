@@ -186,6 +186,10 @@ class Excitation:
         """
         return np.zeros(0), np.zeros((*np.shape(rpm), 0), dtype=complex)
 
+    def without_lines(self, numbers: Any, seats: Any) -> tuple[Any, Any]:
+        """Numbers and seats of the same elements without their lines."""
+        return numbers, seats
+
     def scene_row(
         self, numbers: Any, seats: Any, field: str, place: int, row: Array
     ) -> Array:

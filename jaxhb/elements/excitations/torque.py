@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -201,6 +202,12 @@ class TorqueKind(Excitation):
         rows = xp.asarray(numbers.lines)[i, k]
         amplitude = rows[:, 1] + 1j * rows[:, 2]
         return rows[:, 0], 0.5 * factor_at(numbers, rpm)[..., i] * amplitude
+
+    def without_lines(
+        self, numbers: Torques, seats: TorqueSeats
+    ) -> tuple[Torques, TorqueSeats]:
+        none = dataclasses.replace(seats, lines=(0,) * len(seats.lines))
+        return dataclasses.replace(numbers, lines=None), none
 
     def scene_row(
         self, numbers: Torques, seats: TorqueSeats, field: str, place: int, row: Array
