@@ -94,9 +94,14 @@ class Lines:
         return 2 * _absolute(self.coefficients)
 
     @property
-    def listed_hz(self) -> np.ndarray:
+    def phases_deg(self) -> Array:
+        """Phases of the cosines in deg ``(..., L)``, at 0 s."""
+        return _phases_deg(self.coefficients)
+
+    @property
+    def listed_hz(self) -> list[float]:
         """Distinct frequencies in Hz, rising."""
-        return np.unique(np.asarray(self.hz))
+        return np.unique(np.asarray(self.hz)).tolist()
 
 
 @jax.tree_util.register_dataclass
@@ -208,10 +213,7 @@ class Signal(Summarized):
     @property
     def phases_deg(self) -> Array:
         """Phases of the cosines in deg ``(..., K)``."""
-        xp = namespace(self.coefficients)
-        tail = self.coefficients[..., 1:]
-        # The angle of 0 has no derivative.
-        return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
+        return _phases_deg(self.coefficients[..., 1:])
 
     def order(self, order: float) -> Array:
         """Amplitude of one order."""
@@ -235,19 +237,26 @@ class Signal(Summarized):
         """Amplitude of the line at a fixed frequency; ValueError where no torque has
         one there.
         """
-        listed = np.zeros(0)
+        listed = []
         if self.lines is not None:
             (frequencies,) = concrete(self.lines.hz)
             refuse_tracers(
                 "line", frequencies, instead="read .lines.amplitudes there", host=True
             )
-            places = np.asarray(frequencies)
-            here = np.abs(places - hz) <= SAME_HZ * hz
+            here = np.abs(np.asarray(frequencies) - hz) <= SAME_HZ * hz
             if here.any():
                 return (np.where(here, 1.0, 0.0) * self.lines.amplitudes).sum(axis=-1)
-            listed = np.unique(places)
+            listed = np.unique(frequencies).tolist()
         known = ", ".join(f"{each:g}" for each in listed) or "none"
         raise ValueError(f"there is no line at {hz:g} Hz; lines in Hz: {known}")
+
+    def by_line(self) -> dict[float, Array]:
+        """Amplitude ``(...)`` of every line by its frequency in Hz, rising; of numbers
+        that are concrete.
+        """
+        if self.lines is None:
+            return {}
+        return {hz: self.line(hz) for hz in self.lines.listed_hz}
 
     @property
     def sum_of_lines(self) -> Array:
@@ -440,6 +449,12 @@ def _power(values: Array, exponent: float) -> Array:
     """Power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
     xp = namespace(values)
     return xp.where(values == 0, 0.0, xp.where(values == 0, 1.0, values) ** exponent)
+
+
+def _phases_deg(values: Array) -> Array:
+    """Phases in deg; the angle of 0, which has no derivative, is 0."""
+    xp = namespace(values)
+    return xp.angle(xp.where(values == 0, 1.0, values)) * (180 / np.pi)
 
 
 def _absolute(values: Array) -> Array:

@@ -96,9 +96,14 @@ def _line_places(topology: Topology) -> list[tuple[str, int]]:
     ]
 
 
+def line_owners(topology: Topology) -> list[str]:
+    """Name of the element of every line at a fixed frequency."""
+    return [name for name, _ in _line_places(topology)]
+
+
 def line_names(topology: Topology) -> list[str]:
-    """Names of the elements that have lines at fixed frequencies."""
-    return list(dict.fromkeys(name for name, _ in _line_places(topology)))
+    """Names of the elements that have lines at fixed frequencies, each once."""
+    return list(dict.fromkeys(line_owners(topology)))
 
 
 def line_disks(topology: Topology) -> np.ndarray:
