@@ -349,7 +349,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "power":
                 return self._power(index)
             case "contact":
-                self._refuse_lines("contact")
+                if self.topology.mesh_backlash[index]:
+                    self._refuse_lines("contact")
                 refuse_tracers(
                     "mesh", self.deflections, instead=f"read {SMOOTH} there", host=True
                 )

@@ -88,7 +88,8 @@ class Marching:
     contact_damping : of the meshes; variation ``(G, H+1)``: coefficients of their
     stiffness over the cycle, over its mean, less 1, or None; errors : or None; varying
     : the springs, or None; torques : of the excitation; disturbance : events;
-    revolutions : of the reference rotor in a cycle; keeps_loads : whether loads are part of the result, as disks follow them at once.
+    revolutions : of the reference rotor in a cycle; keeps_loads : whether loads are
+    part of the result, as disks follow them at once.
     """
 
     weights: StepWeights
@@ -201,8 +202,8 @@ def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:
 class _Steps:
     """Numbers of the steps of a block, ``(STEPS, ...)``: what loads add to the state
     ``(n,)`` and to w ``(2 (G + V),)`` in the middle and at the end; stiffness over its
-    mean, less 1, ``(3, G)`` at begin, middle and end, None where it is constant; and those of
-    springs that vary with the speed ``(3, 2V)``.
+    mean, less 1, ``(3, G)`` at begin, middle and end, None where it is constant; and
+    those of springs that vary with the speed ``(3, 2V)``.
     """
 
     state: Array

@@ -6,9 +6,10 @@ The torque of a disk at the angle theta and the speed Omega is
     T = Re sum_n c_n(Omega) exp(i n theta),
 
 with the harmonics ``c_n`` that steady motions have at that speed, and of lines at
-fixed frequencies, which count on the time, ``Re c_l(Omega) exp(2 pi i f_l t)``. What counts on the
-momentary acceleration in the inertia torque of a crank drive, less its mean, is left
-out: its share of the rest is the change of speed in a revolution over the speed.
+fixed frequencies, which count on the time, ``Re c_l(Omega) exp(2 pi i f_l t)``. What
+counts on the momentary acceleration in the inertia torque of a crank drive, less its
+mean, is left out: its share of the rest is the change of speed in a revolution over
+the speed.
 
 In the frame that turns with the mean rotation, disks of speed ratio i carry ``-J i
 alpha``. Loads of a given speed take the power that accelerates the train from theirs;
@@ -50,9 +51,10 @@ class TorqueTable:
     fixed frequencies.
 
     omega ``(P, 2)`` rad/s: begin and end of the panels; harmonics ``(M, P, 3, D,
-    N+1+L)`` N m of M states of the cylinders; hz ``(L,)`` of the lines; idle : the same without gas torques and torques
-    that drive, None where no event changes the fuel; accelerating ``(D, N+1+L)`` N m s2:
-    what loads add per angular acceleration of the reference rotor.
+    N+1+L)`` N m of M states of the cylinders; hz ``(L,)`` of the lines; idle : the same
+    without gas torques and torques that drive, None where no event changes the fuel;
+    accelerating ``(D, N+1+L)`` N m s2: what loads add per angular acceleration of the
+    reference rotor.
     """
 
     omega: Array

@@ -89,8 +89,8 @@ def transient(
     start : "steady", "rest", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
         that is 0 rpm), of a train that is not linear without its lines at fixed
-        frequencies, and a note says so; "rest": no vibration, the links without torque; or
-        displacements in m and velocities in m/s of the disks.
+        frequencies, and a note says so; "rest": no vibration, the links without torque;
+        or displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
     record : float, optional

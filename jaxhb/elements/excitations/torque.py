@@ -40,9 +40,9 @@ class Torque:
     ``scale`` over rpm.
 
     ``lines`` = rows of (Hz, Re, Im) add Re((Re + i Im) exp(2 pi i Hz t)): frequencies
-    that do not follow the speed, as of a grid or an inverter. With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm /
-    rated_rpm)^speed_exponent, 2 unless given: the law of propellers, fans and inertia
-    torques.
+    that do not follow the speed, as of a grid or an inverter. With ``rated_rpm``, a
+    speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2
+    unless given: the law of propellers, fans and inertia torques.
     """
 
     disk: str = declared("disk")

@@ -148,13 +148,11 @@ def campbell_figure(
     # Where modes or orders end, and at least the lowest mode.
     modes = campbell.frequencies_hz[:, elastic].max(axis=0)
     rays = campbell.orders * high / 60
-    fixed_hz = sorted({line.hz for line in campbell.lines})
     top = max(
-        min(modes.max(initial=0.0), rays.max(initial=0.0)),
-        modes[:1].max(initial=0.0),
-        *fixed_hz,
+        min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
     top = 1.08 * (top or 1.0)
+    fixed_hz = sorted({critical.hz for critical in campbell.lines if critical.hz < top})
     traces = [
         line(
             [low, high],
