@@ -258,6 +258,14 @@ class Signal(Summarized):
             return {}
         return {hz: self.line(hz) for hz in self.lines.listed_hz}
 
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak,
+        sum_of_amplitudes, amplitudes, and the amplitudes of ``lines`` where there are
+        any.
+        """
+        lines = [[hz, float(amplitude)] for hz, amplitude in self.by_line().items()]
+        return super().summary() | ({"lines": lines} if lines else {})
+
     @property
     def sum_of_lines(self) -> Array:
         """Sum of the amplitudes of all lines at fixed frequencies, 0 without any."""

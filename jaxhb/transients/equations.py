@@ -321,6 +321,7 @@ class SpringsOverSpeed:
             stiffness = xp.concatenate([system.stiffness, system.ground])
             return stiffness, xp.concatenate([system.viscous, system.damping])
 
+        both: list[Array]
         if xp is np:
             rows = [at(float(rpm)) for rpm in nodes.ravel()]
             both = [np.stack([row[k] for row in rows]) for k in (0, 1)]

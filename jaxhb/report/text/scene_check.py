@@ -392,13 +392,13 @@ def _line_table(
 ) -> list[Table]:
     """The table of lines at fixed frequencies, in a list."""
     lines = lines_of(train, speeds or [ANY_SPEED])
-    rows = [[name, f"{hz:g}", *amplitudes] for name, hz, amplitudes in lines]
+    rows = [[name, f"{hz:g}", *sizes] for name, hz, sizes in lines]
     caption = (
         "Lines of torques at fixed frequencies, amplitude in N m; jaxhb forced takes"
         " them, and jaxhb.transient"
     )
-    heads = ["", "Hz", *(Column(place, "amplitude") for place in places)]
-    return [Table(caption, heads, rows)] if rows else []
+    amplitudes = [Column(place, "amplitude") for place in places]
+    return [Table(caption, ["", "Hz", *amplitudes], rows)] if rows else []
 
 
 def _over_period(train: DriveTrain) -> list[list[str]]:
@@ -496,9 +496,8 @@ def check_record(
         {"torque": name, "hz": hz, "amplitude_Nm": amplitudes}
         for name, hz, amplitudes in lines_of(train, speeds)
     ]
-    optional = {"over_rpm": over_rpm} if over_rpm else {}
-    optional |= {"lines": lines} if lines else {}
-    return optional | {
+    optional: dict[str, Any] = {"over_rpm": over_rpm, "lines": lines}
+    return {key: values for key, values in optional.items() if values} | {
         "scene": train.topology.name,
         "rpm": speeds,
         "mean_torque_Nm": {
