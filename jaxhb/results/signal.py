@@ -247,7 +247,7 @@ class Signal(Summarized):
             if here.any():
                 return (np.where(here, 1.0, 0.0) * self.lines.amplitudes).sum(axis=-1)
             listed = np.unique(frequencies).tolist()
-        known = ", ".join(f"{each:g}" for each in listed) or "none"
+        known = ", ".join(f"{each:.12g}" for each in listed) or "none"
         raise ValueError(f"there is no line at {hz:g} Hz; lines in Hz: {known}")
 
     def by_line(self) -> dict[float, Array]:

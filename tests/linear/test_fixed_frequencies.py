@@ -333,3 +333,20 @@ def test_a_data_set_has_lines():
     np.testing.assert_array_equal(written, torque.line(19.0))
     half = data.torque_half_peak_to_peak.sel(shaft="a|b").values
     np.testing.assert_array_equal(half, torque.half_peak_to_peak)
+
+
+def test_a_line_at_an_undamped_resonance_has_no_answer():
+    parts = [part for part in two_disks() if not isinstance(part, Shaft | Torque)]
+    parts.append(Shaft(between=("a", "b"), stiffness=1e4))
+    natural = float(np.sqrt(1.5e4) / (2 * np.pi))
+    parts.append(Torque(disk="a", lines=[(natural, 1.0, 0.0)]))
+    response = jaxhb.forced_response(build(parts), rpm=[300.0, 600.0])
+    assert response.status.tolist() == [jaxhb.Status.NEAR_SINGULAR] * 2
+
+
+def test_a_train_without_the_torque_has_periodic_motions():
+    train = build(two_disks(Torque(disk="b", harmonics=[(1.0, 2.0, 0.0)])))
+    alone = train.without("grid")
+    solved = jaxhb.solve(alone, rpm=600.0).torque("a", "b").order(1.0)
+    beside = jaxhb.forced_response(train, rpm=600.0).torque("a", "b").order(1.0)
+    assert abs(solved - beside) < ALGEBRAIC * 1e2 * beside

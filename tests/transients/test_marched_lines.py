@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from trains import build
 
 import jaxhb
-from jaxhb import Disk, Ground, Mesh, Shaft, Torque
+from jaxhb import Disk, Event, Ground, Load, Mesh, Shaft, Torque
 
 MARCHED = 1e-6
 """Of the largest value: steps of a 32nd of the shortest wave, of fourth order."""
@@ -162,3 +162,23 @@ def test_a_march_has_derivatives_by_amplitude_and_frequency():
     # Central differences of second order, on steps that follow the frequency.
     difference = (float(last(1e-3)) - float(last(-1e-3))) / 2e-3
     assert abs(float(derivative) - difference) < 1e-5 * abs(difference)
+
+
+def test_lines_of_a_torque_that_drives_end_with_the_fuel():
+    parts = [
+        Disk(name="a", inertia=1.0),
+        Disk(name="b", inertia=2.0),
+        Shaft(between=("a", "b"), stiffness=1e4, damping=60.0),
+        Torque(disk="a", mean=30.0, lines=[(19.0, 50.0, 0.0)]),
+        Torque(name="grid", disk="a", lines=[(30.0, 5.0, 0.0)]),
+        Load(disk="b"),
+        Event(name="cut", fuel=[(0.0, 1.0), (0.2, 0.0)]),
+    ]
+    train = build(parts)
+    marched = jaxhb.transient(train, seconds=3.0, speed=800.0, events="cut")
+    late = marched.torque("a", "b").values[marched.time > 2.5]
+    signal = jaxhb.forced_response(train, rpm=800.0).torque("a", "b")
+    swing = np.ptp(late) / 2
+    # Half a second has 15 waves of 30 Hz with more than 32 samples each.
+    assert abs(swing - float(signal.line(30.0))) < 0.01 * swing
+    assert float(signal.line(19.0)) > 10 * swing

@@ -299,7 +299,7 @@ def worst_tables(
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [
                     factor * values.max(),
-                    f"{rpm[values.argmax()]:g}" if moves else NONE,
+                    f"{rpm[values.argmax()]:g}" if values.max() > 0 else NONE,
                 ]
             row += [
                 names.number(signal.orders[order]) if moves else NONE,

@@ -259,9 +259,10 @@ def _crossing(
         f" {float(response.rpm[worst]):g} rpm"
     )
     name = train.topology.link_names[link]
+    march = "jaxhb solve" if response.lines is None else "jaxhb.transient"
     return [
-        f"{name}: its vibration leaves this stage {where} ({swing}): only jaxhb solve"
-        " shows what it does there."
+        f"{name}: its vibration leaves this stage {where} ({swing}): only {march} shows"
+        " what it does there."
     ]
 
 
