@@ -63,8 +63,8 @@ class LineCritical:
     frequency ``mode_hz`` and modal torque in N m.
 
     ``rpm`` is the speed at which it is nearest, on the line where its frequency crosses
-    that; None where natural frequencies do not depend on the speed, so that all of it
-    holds at every speed.
+    that. It is None where natural frequencies do not depend on the speed: the mode is
+    then nearest at every speed, and the modal torque is the largest of the speeds.
     """
 
     hz: float
@@ -304,21 +304,28 @@ def _line_criticals(
             ]
             places = crossed or places
         for mode, rpm in places:
-            found.append(_line_critical(train, modes_at(rpm), (hz, mode, rpm)))
-    # Without a dependence on the speed, nothing is of one speed but scales.
-    return [replace(row, rpm=None) for row in found] if constant else found
+            modes = modes_at(rpm)
+            found.append(
+                LineCritical(
+                    hz=hz,
+                    mode=mode,
+                    mode_hz=float(modes.frequencies_hz[mode]),
+                    rpm=None if constant else rpm,
+                    torque=_line_torque(
+                        train, modes.shapes[mode], hz, diagram.rpm if constant else rpm
+                    ),
+                )
+            )
+    return found
 
 
-def _line_critical(
-    train: DriveTrain, modes: Modes, place: tuple[float, int, float]
-) -> LineCritical:
-    """The LineCritical of a line in Hz, a mode and a speed."""
-    hz, mode, rpm = place
+def _line_torque(train: DriveTrain, shape: Array, hz: float, rpm: Number) -> float:
+    """Amplitude in N m of the modal torque of a line on a mode shape ``(S,)``, the
+    largest of some speeds.
+    """
     every_hz, torques = line_torques(train, rpm)
-    together = torques[:, np.asarray(every_hz) == hz].sum(axis=1)
-    torque = 2 * abs(np.asarray(modes.shapes[mode]) @ together)
-    mode_hz = float(modes.frequencies_hz[mode])
-    return LineCritical(hz, mode, mode_hz, rpm, float(torque))
+    together = torques[..., np.asarray(every_hz) == hz].sum(axis=-1)
+    return float(2 * np.abs(together @ np.asarray(shape)).max())
 
 
 def _roots(

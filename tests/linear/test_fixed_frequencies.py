@@ -228,14 +228,19 @@ def two_disks(*more):
         Disk(name="a", inertia=1.0),
         Disk(name="b", inertia=2.0),
         Shaft(between=("a", "b"), stiffness=1e4, damping=1.0),
-        Torque(name="grid", disk="a", lines=[(19.0, 5.0, 0.0), (90.0, 1.0, 0.0)]),
+        Torque(
+            name="grid",
+            disk="a",
+            lines=[(19.0, 5.0, 0.0), (90.0, 1.0, 0.0)],
+            scale=[(0.0, 0.5), (1500.0, 2.0), (3000.0, 0.0)],
+        ),
         *more,
     ]
 
 
 def test_campbell_has_the_nearest_mode_at_every_speed():
     natural = np.sqrt(1e4 * (1 / 1.0 + 1 / 2.0)) / (2 * np.pi)
-    diagram = jaxhb.campbell(build(two_disks()), rpm=[100.0, 2000.0])
+    diagram = jaxhb.campbell(build(two_disks()), rpm=[100.0, 1500.0, 2000.0])
     assert diagram.critical == ()
     first, second = diagram.lines
     assert (first.hz, second.hz) == (19.0, 90.0)
@@ -243,8 +248,9 @@ def test_campbell_has_the_nearest_mode_at_every_speed():
     assert first.mode == second.mode == 1
     assert abs(first.mode_hz - natural) < 1e-9 * natural
     assert abs(first.apart - (natural / 19.0 - 1)) < 1e-9
-    assert abs(first.torque - 5.0) < 1e-9
-    assert abs(second.torque - 1.0) < 1e-9
+    # Those of the speed with the largest scale, on the light disk.
+    assert abs(first.torque - 2 * 5.0) < 1e-9
+    assert abs(second.torque - 2 * 1.0) < 1e-9
 
 
 def test_campbell_has_the_speeds_at_which_modes_cross_a_line():

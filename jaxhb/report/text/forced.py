@@ -410,29 +410,25 @@ def _record(
             {} if reading.kind == "disks" else {"elastic": summary(signal.elastic)}
         )
 
-    lines = {}
+    record = {
+        "scene": response.topology.name,
+        "rpm": response.rpm,
+        "status": [Status(int(status)).name for status in response.status],
+        "residual": response.residual,
+        "load_kW": response.load_kW + 0.0,
+        "input_power_W": gapped.input_power,
+        "orders": all_orders[listed],
+    }
     if response.lines is not None:
-        lines = {"lines_hz": np.unique(np.asarray(response.lines.hz))}
-    return (
-        lines
-        | {
-            "scene": response.topology.name,
-            "rpm": response.rpm,
-            "status": [Status(int(status)).name for status in response.status],
-            "residual": response.residual,
-            "load_kW": response.load_kW + 0.0,
-            "input_power_W": gapped.input_power,
-            "orders": all_orders[listed],
+        record["lines_hz"] = np.unique(np.asarray(response.lines.hz))
+    return record | {
+        kind: {
+            reading.name: of_element(reading)
+            for reading in gapped_readings
+            if reading.kind == kind
         }
-        | {
-            kind: {
-                reading.name: of_element(reading)
-                for reading in gapped_readings
-                if reading.kind == kind
-            }
-            for kind in KINDS
-        }
-    )
+        for kind in KINDS
+    }
 
 
 def forced_rows(
