@@ -46,8 +46,8 @@ from jaxhb.transients.timeline import (
     speed_table,
 )
 
-# Steps per period of the highest harmonic of the excitation at the highest speed, and
-# of the highest mode that teeth notice.
+# Steps per period of the highest harmonic of the excitation at the highest speed and of
+# the highest line, and of the highest mode that teeth notice.
 STEPS_PER_WAVE = 32
 STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
@@ -93,9 +93,10 @@ def transient(
     events : names of events and sequences of the scene
     start : "steady", "rest", "open", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
-        that is 0 rpm); "rest": no vibration, the links without torque; "open": the
-        same, and what hangs on the reference rotor by clutches of events alone stands
-        still; or displacements in m and velocities in m/s of the disks.
+        that is 0 rpm), of a train that is not linear without its lines at fixed
+        frequencies, and a note says so; "rest": no vibration, the links without torque;
+        "open": the same, and what hangs on the reference rotor by clutches of events
+        alone stands still; or displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
     record : float, optional
@@ -159,9 +160,10 @@ def transient(
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
     state = equations.begin(start, plan)
+    notes = (*equations.notes, *equations.notes_on_start(start, plan.table))
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
     instants = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, instants, readings, equations.notes)
+    return _result(train, blocks, recording, instants, readings, notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
@@ -199,7 +201,7 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
     if topology.ground_disk or topology.load_disk:
         return
     rpm = float(table.rpm[0])
-    torque, _, imbalance = excitation.excitation(train, rpm, 1)
+    torque, _, imbalance = excitation.excitation(train, rpm, 1, beside_lines=True)
     largest = np.abs(torque[:, 0]).max(initial=0.0)
     if abs(float(imbalance)) > IMBALANCE * largest:
         raise SceneError(
@@ -221,8 +223,9 @@ def _grid(
         )
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
-    wave = fastest * excitation.highest_harmonic(values)
-    wave = max(wave, highest_event_hz(values, plan.course))
+    wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
+    lines_hz, _ = excitation.lines_at(values, float(table.rpm.max()))
+    wave = max(wave, highest_event_hz(values, plan.course), *lines_hz.tolist())
     modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
     rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
     if rate * seconds > MOST_STEPS:
