@@ -19,6 +19,7 @@ from jaxhb.results.status import NotConverged
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import refuse_lines
 from jaxhb.train.speeds import check_speed
 
 # Samples per harmonic of the contact force, among which its smallest value is sought
@@ -88,6 +89,7 @@ def lift_off(
     (('gear a|gear b',), [True], [4620.0])
     """
     refuse_tracers("lift_off", train, rpm, values)
+    refuse_lines(train.topology)
     check_speed(train, rpm, many=True)
     rpm = np.asarray(rpm, dtype=float)
     if len(rpm) < 2 or (np.diff(rpm) <= 0).any():

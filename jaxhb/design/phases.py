@@ -34,6 +34,7 @@ from jaxhb.results.answers import left_out
 from jaxhb.results.response import FIELDS, Response
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import refuse_lines
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.topology import Topology
 
@@ -151,6 +152,7 @@ def worst_phase(
         instead="differentiate jaxhb.forced_response or jaxhb.solve",
     )
     topology = train.topology
+    refuse_lines(topology)
     check_speed(train, rpm, many=True)
     if name not in topology.phase_names:
         remedy = (

@@ -234,19 +234,20 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
     first = [float(row[0]) for row in rows]
     if columns[0] == "torque":  # terms of a sum, in any order
         return []
-    if columns[0] == "order":
-        not_positive = [i for i, order in enumerate(first) if order <= 0.0]
+    if columns[0] in ("order", "Hz"):
+        order, unit = ("order", "") if columns[0] == "order" else ("frequency", " Hz")
+        not_positive = [i for i, number in enumerate(first) if number <= 0.0]
         repeated = [
-            (order, times) for order, times in Counter(first).items() if times > 1
+            (number, times) for number, times in Counter(first).items() if times > 1
         ]
         errors = [
-            f"{name}, row {i + 1}: order is {first[i]:g}, must be greater than 0. Give"
-            " the mean by its own key."
+            f"{name}, row {i + 1}: {order} is {first[i]:g}{unit}, must be greater than"
+            " 0. Give the mean by its own key."
             for i in not_positive[:MOST_SENTENCES]
         ]
         errors += [
-            f"{name}: order {order:g} stands {times} times. Add the rows."
-            for order, times in repeated[:MOST_SENTENCES]
+            f"{name}: {order} {number:g}{unit} stands {times} times. Add the rows."
+            for number, times in repeated[:MOST_SENTENCES]
         ]
         left_out = max(len(not_positive) - MOST_SENTENCES, 0) + max(
             len(repeated) - MOST_SENTENCES, 0

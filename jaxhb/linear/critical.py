@@ -22,7 +22,7 @@ from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.excitation import excitation, listed_harmonic
+from jaxhb.train.excitation import excitation, line_torques, listed_harmonic
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import at_speed, varying, without_tables
@@ -57,6 +57,28 @@ class Critical:
     torque: Number
 
 
+@dataclass(frozen=True)
+class LineCritical:
+    """The elastic mode that is nearest to a line of a torque at ``hz``: number,
+    frequency ``mode_hz`` and modal torque in N m.
+
+    ``rpm`` is the speed at which it is nearest, on the line where its frequency crosses
+    that. It is None where natural frequencies do not depend on the speed: the mode is
+    then nearest at every speed, and the modal torque is the largest of the speeds.
+    """
+
+    hz: float
+    mode: int
+    mode_hz: float
+    rpm: float | None
+    torque: float
+
+    @property
+    def apart(self) -> float:
+        """Frequency of the mode over that of the line, less 1."""
+        return self.mode_hz / self.hz - 1
+
+
 @brief
 @dataclass(frozen=True)
 class Campbell:
@@ -69,6 +91,7 @@ class Campbell:
     kinds : tuple of str, one for each of m modes: "elastic", "rigid" or "ring only"
     frequencies_hz : ``(n, m)`` Hz
     critical : tuple of Critical, elastic modes only, by rising speed
+    lines : tuple of LineCritical, of torques with lines at fixed frequencies
     """
 
     rpm: np.ndarray
@@ -76,6 +99,7 @@ class Campbell:
     kinds: tuple
     frequencies_hz: np.ndarray
     critical: tuple
+    lines: tuple = ()
 
     def elastic(self, count: int) -> list[int]:
         """Numbers of the first ``count`` elastic modes."""
@@ -145,7 +169,7 @@ def excited_orders(train: DriveTrain, *, rpm: Sequence[float] | Array) -> list[f
     """Orders of the reference rotor, rising, in which the excitation has at any speed a
     torque above 1e-3 of the largest.
     """
-    harmonics = listed_harmonic(train.topology)
+    harmonics = listed_harmonic(train.topology, beside_lines=True)
     torque = [
         np.abs(np.asarray(_torques(train, speed, harmonics))).max(0) for speed in rpm
     ]
@@ -250,7 +274,72 @@ def campbell(
                     )
                 )
     critical.sort(key=lambda speed: (speed.rpm, speed.order, speed.mode))
-    return replace(diagram, critical=tuple(critical))
+    lines = _line_criticals(train, diagram, modes_at, constant)
+    return replace(diagram, critical=tuple(critical), lines=tuple(lines))
+
+
+def _line_criticals(
+    train: DriveTrain,
+    diagram: Campbell,
+    modes_at: Callable[[Number], Modes],
+    constant: bool,
+) -> list[LineCritical]:
+    """Where modes cross the lines of torques at fixed frequencies, and of a line that
+    none crosses the nearest mode.
+    """
+    elastic = diagram.elastic(len(diagram.kinds))
+    if not elastic:
+        return []
+    every_hz, _ = line_torques(train, diagram.rpm)
+    found = []
+    for hz in np.unique(np.asarray(every_hz)).tolist():
+        distance = np.abs(diagram.frequencies_hz[:, elastic] - hz)
+        row, column = np.unravel_index(distance.argmin(), distance.shape)
+        places = [(elastic[column], float(diagram.rpm[row]))]
+        if not constant:
+            crossed = [
+                (mode, speed)
+                for mode in elastic
+                for speed in _roots(modes_at, diagram, mode, hz)
+            ]
+            places = crossed or places
+        for mode, rpm in places:
+            modes = modes_at(rpm)
+            found.append(
+                LineCritical(
+                    hz=hz,
+                    mode=mode,
+                    mode_hz=float(modes.frequencies_hz[mode]),
+                    rpm=None if constant else rpm,
+                    torque=_line_torque(
+                        train, modes.shapes[mode], hz, diagram.rpm if constant else rpm
+                    ),
+                )
+            )
+    return found
+
+
+def _line_torque(train: DriveTrain, shape: Array, hz: float, rpm: Number) -> float:
+    """Amplitude in N m of the modal torque of a line on a mode shape ``(S,)``, the
+    largest of some speeds.
+    """
+    every_hz, torques = line_torques(train, rpm)
+    together = torques[..., np.asarray(every_hz) == hz].sum(axis=-1)
+    return float(2 * np.abs(together @ np.asarray(shape)).max())
+
+
+def _roots(
+    modes_at: Callable[[Number], Modes], diagram: Campbell, mode: int, hz: float
+) -> list[float]:
+    """Speeds at which the frequency of a mode, which depends on the speed, is
+    ``hz``.
+    """
+    distance = diagram.frequencies_hz[:, mode] - hz
+
+    def distance_at(speed: float) -> Number:
+        return modes_at(speed).frequencies_hz[mode] - hz
+
+    return _zeros(distance_at, diagram.rpm, distance)
 
 
 def critical_speed(
@@ -337,17 +426,23 @@ def _crossings(
     if constant:
         speed = 60 * hz[0] / order
         return [speed] if rpm[0] <= speed <= rpm[-1] else []
-    # Takes a tenth of a second, which other commands are spared.
-    from scipy.optimize import brentq
-
-    distance = hz - order * rpm / 60
-    # At a root the product with either neighbour is 0, not negative.
-    exact = rpm[distance == 0].tolist()
-    changes = np.flatnonzero(distance[:-1] * distance[1:] < 0)
 
     def distance_at(speed: float) -> Number:
         return modes_at(speed).frequencies_hz[mode] - order * speed / 60
 
+    return _zeros(distance_at, rpm, hz - order * rpm / 60)
+
+
+def _zeros(
+    distance_at: Callable[[float], Number], rpm: np.ndarray, distance: np.ndarray
+) -> list[float]:
+    """Speeds at which a distance, which is known at some ``rpm``, is zero."""
+    # Takes a tenth of a second, which other commands are spared.
+    from scipy.optimize import brentq
+
+    # At a root the product with either neighbour is 0, not negative.
+    exact = rpm[distance == 0].tolist()
+    changes = np.flatnonzero(distance[:-1] * distance[1:] < 0)
     return exact + [
         brentq(distance_at, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes
     ]
@@ -357,7 +452,7 @@ def _torques(train: DriveTrain, rpm: Number, harmonics: int) -> Array:
     """Torques ``(S, N+1)`` in N m on the disks, from the excitation and the
     transmission errors of the meshes.
     """
-    torque = excitation(train, rpm, harmonics)[0]
+    torque, _, _ = excitation(train, rpm, harmonics, beside_lines=True)
     meshes = all_meshes(at_speed(train, rpm))
     if meshes.error is None:
         return torque

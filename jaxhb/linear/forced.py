@@ -47,12 +47,18 @@ from jaxhb.equations.backlash import Law
 from jaxhb.equations.system import System
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.answers import solved
-from jaxhb.results.response import Response, register
+from jaxhb.results.response import LineMotion, Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
 from jaxhb.train.changes import linearised, within_range
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.excitation import excitation, listed_harmonic, load_power_kW
+from jaxhb.train.excitation import (
+    excitation,
+    line_disks,
+    line_torques,
+    listed_harmonic,
+    load_power_kW,
+)
 from jaxhb.train.kinematics import displacement_radii
 from jaxhb.train.mesh_parameters import all_meshes, law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
@@ -243,6 +249,10 @@ def forced_response(
     """Linear forced response of any train at many speeds, teeth in contact: ``Z(n) x^n
     = q^n``, docs/theory A1.
 
+    Lines of torques at fixed frequencies stand beside the orders: ``.line(hz)`` of a
+    signal is their amplitude, and extremes are those of the orders and of all lines
+    together (:class:`jaxhb.results.signal.Signal`).
+
     Trees, closed loops, several gears on a shaft; loss factors, damping of links and to
     ground, grounds, disks without inertia; links that vary over frequency or amplitude,
     order-tuned absorbers. Eliminated along the tree as in Fridman 2009, (10)-(12). A
@@ -292,7 +302,7 @@ def forced_response(
     original = train
     train = linearised(train)
     if harmonics is None:
-        harmonics = listed_harmonic(train.topology)
+        harmonics = listed_harmonic(train.topology, beside_lines=True)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(
             f"{train.topology.title}: harmonics is {harmonics}, must be a whole number"
@@ -425,6 +435,8 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
         lambda a: a.reshape(len(padded_rpm), *a.shape[2:])[: len(rpm)], grouped
     )
     load_torque = fields.pop("load_torque")
+    if fields["lines"] is not None:
+        valid = valid & (fields["lines"].hz > 0).all(axis=-1)
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
 
@@ -469,8 +481,14 @@ def _fields(
         train = at_speed(train, rpm)
         system = chain.assemble(without_tables(train))
     topology = train.topology
-    torque, load_torque, _ = excitation(train, rpm, harmonics)
+    torque, load_torque, _ = excitation(train, rpm, harmonics, beside_lines=True)
     omega = topology.cycle_frequency(rpm) * jnp.arange(harmonics + 1)
+    hz = None
+    if len(line_disks(topology)):
+        # Lines at fixed frequencies are further columns of the same solve.
+        hz, line_torque = line_torques(train, rpm)
+        omega = jnp.concatenate([omega, 2 * jnp.pi * hz])
+        torque = jnp.concatenate([torque, line_torque], axis=1)
     load = torque / system.radius[:, None]
     amplitude = jnp.zeros(0)
     if topology.amplitude_links:
@@ -485,6 +503,7 @@ def _fields(
         # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e,
         # and reduce the link's own force.
         error = fourier.resize(error, harmonics)
+        error = jnp.pad(error, ((0, 0), (0, len(omega) - harmonics - 1)))
         load = load + system.spread(C[shafts:] * error, slice(shafts, None))
     displacement, force = (
         a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None])
@@ -525,14 +544,19 @@ def _fields(
     power_defect = (input_power - disk_power.sum() - link_power.sum()) / jnp.where(
         input_power > 0, input_power, 1.0
     )
-    return {
-        "load_torque": load_torque,
+    motion = {
         "angles": angles,
         "torques": (force * ends)[:shafts],
         "elastic_torques": (elastic * ends)[:shafts],
         "deflections": deflection[shafts:],
         "forces": force[shafts:],
         "elastic_forces": elastic[shafts:],
+    }
+    of_lines = {name: values[:, harmonics + 1 :] for name, values in motion.items()}
+    of_orders = {name: values[:, : harmonics + 1] for name, values in motion.items()}
+    return of_orders | {
+        "lines": None if hz is None else LineMotion(hz=hz, **of_lines),
+        "load_torque": load_torque,
         "residual": residual,
         "status": status,
         "power_defect": power_defect,

@@ -325,7 +325,7 @@ class _Equations(NamedTuple):
 
 def _equations(train: DriveTrain, rpm: Number) -> _Equations:
     """The :class:`_Equations` at a speed."""
-    torque, _, left = excitation(train, rpm, 0)
+    torque, _, left = excitation(train, rpm, 0, beside_lines=True)
     system, torque, left, train = on_host(
         (chain.assemble(train), torque[:, 0].real, left, train)
     )

@@ -110,7 +110,11 @@ def _masked(response: AnyResponse, valid: Array, fill: float) -> AnyResponse:
         shape = np.shape(valid) + (1,) * (np.ndim(values) - np.ndim(valid))
         return xp.where(xp.asarray(valid).reshape(shape), values, fill)
 
-    names = [name for name in OF_MOTION if hasattr(response, name)]
-    return dataclasses.replace(
-        response, **{name: masked(getattr(response, name)) for name in names}
-    )
+    def masked_numbers(holder: Any) -> dict[str, Any]:
+        names = [name for name in OF_MOTION if hasattr(holder, name)]
+        return {name: masked(getattr(holder, name)) for name in names}
+
+    lines = response.lines
+    if lines is not None:
+        lines = dataclasses.replace(lines, **masked_numbers(lines))
+    return dataclasses.replace(response, lines=lines, **masked_numbers(response))

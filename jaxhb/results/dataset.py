@@ -4,7 +4,7 @@ The only importer of xarray.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,10 +20,10 @@ from jaxhb.results.quantities import (
     read,
     variables_of,
 )
-from jaxhb.results.signal import Signal
+from jaxhb.results.signal import Lines, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from xarray import Dataset
 
@@ -37,13 +37,15 @@ else:
 @dataclass(frozen=True)
 class Spectrum:
     """Amplitudes and phases ``(elements, K)`` of a vibrating quantity, its orders
-    ``(K,)``, and the amplitude of every other order.
+    ``(K,)``, and the amplitude of every other order; amplitudes ``(elements,)`` of
+    ``lines`` by their frequency in Hz.
     """
 
     amplitudes: Array
     phases: Array
     orders: np.ndarray
     lacking: float
+    lines: Mapping[float, Array] = field(default_factory=dict)
 
     def at(self, order: np.ndarray) -> np.ndarray:
         """Amplitudes and phases ``(2, elements, n)`` at the orders ``(n,)`` of a data
@@ -87,7 +89,14 @@ def to_xarray(
     names = {
         dim: np.array(labels, dtype=str) for dim, labels in names_of(topology).items()
     }
+    fixed_hz = {
+        hz
+        for _, spectra in answers
+        for spectrum in spectra.values()
+        for hz in spectrum.lines
+    }
     dims = {"rpm": np.asarray(rpm, dtype=float)} | names | {"order": order}
+    dims["line"] = np.array(sorted(fixed_hz))
     # NetCDF has no empty dimension.
     dims = {name: labels for name, labels in dims.items() if np.size(labels)}
     many = np.ndim(rpm) > 0
@@ -136,11 +145,33 @@ def to_xarray(
                     unit,
                     f"{words}, {vibration.meaning}",
                 )
+        if vibration.orders and dim in dims and fixed_hz:
+            nothing = np.full(len(dims[dim]), np.nan)
+            amplitudes = [
+                np.stack(
+                    [
+                        spectra[name].lines.get(hz, nothing)
+                        if name in spectra
+                        else nothing
+                        for hz in dims["line"].tolist()
+                    ],
+                    axis=-1,
+                )
+                for _, spectra in answers
+            ]
+            add_variable(
+                f"{name}_line_amplitude",
+                amplitudes,
+                (dim, "line"),
+                vibration.unit,
+                f"one-sided amplitude at fixed frequencies, {vibration.meaning}",
+            )
     units = {"rpm": {"units": "rpm", "long_name": "speed of the reference rotor"}}
     units["order"] = {
         "units": "1",
         "long_name": "order, per revolution of the reference rotor",
     }
+    units["line"] = {"units": "Hz", "long_name": "fixed frequency of a torque"}
     coordinates = {
         name: ((name,) if many or name != "rpm" else (), labels, units.get(name, {}))
         for name, labels in dims.items()
@@ -255,11 +286,19 @@ def _numbers(
 def _together(signals: Sequence[Signal]) -> Signal:
     """Signals of one motion as one, with a leading axis."""
     first = signals[0]
+    lines = None
+    if first.lines is not None:
+        every = [signal.lines for signal in signals if signal.lines is not None]
+        lines = Lines(
+            np.stack([each.hz for each in every]),
+            np.stack([each.coefficients for each in every]),
+        )
     return Signal(
         np.stack([signal.coefficients for signal in signals]),
         None,
         first.revolutions_per_cycle,
         first.resolution,
+        lines=lines,
     )
 
 
@@ -296,4 +335,4 @@ def _spectrum(
     amplitudes = whole.amplitudes[:, :most]
     # An order that is not there has no phase.
     phases = np.where(amplitudes > 0, whole.phases_deg[:, :most], np.nan)
-    return Spectrum(amplitudes, phases, whole.orders[:most], 0.0)
+    return Spectrum(amplitudes, phases, whole.orders[:most], 0.0, whole.by_line())

@@ -20,7 +20,7 @@ from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import table_of_links, table_of_speeds
 from jaxhb.results.motion import Motion
-from jaxhb.results.signal import Signal
+from jaxhb.results.signal import Lines, Signal
 from jaxhb.results.status import AnyResponse, Status
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import rotor_ratios
@@ -41,6 +41,17 @@ class Fields:
     # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
     forces: Array
     elastic_forces: Array
+
+
+@jax.tree_util.register_dataclass
+@brief
+@dataclass(frozen=True)
+class LineMotion(Fields):
+    """Motion, torques and forces at L fixed frequencies ``hz`` ``(..., L)``, as the
+    coefficients of :class:`jaxhb.results.signal.Lines`: the last axis of every field.
+    """
+
+    hz: Array
 
 
 SMOOTH = "jaxhb.design.objectives.separated_fraction and impact_severity"
@@ -85,6 +96,9 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     train : DriveTrain or None
     path : tuple of events, how the solve went; of a sweep one tuple per speed
     certificate : Certificate or None, where it was asked for
+    lines : LineMotion or None
+        Motion at the fixed frequencies of torques with lines, of a forced response
+        alone.
     """
 
     rpm: Array
@@ -105,6 +119,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     train: DriveTrain | None = field(default=None, compare=False)
     path: tuple = field(default=(), compare=False)
     certificate: Certificate | None = field(default=None, compare=False)
+    lines: LineMotion | None = None
 
     @property
     def harmonics(self) -> int:
@@ -236,6 +251,63 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         )
 
     def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
+        answer = self._read_orders(quantity, index, sense)
+        if self.lines is None or not isinstance(answer, Signal):
+            return answer
+        return dataclasses.replace(answer, lines=self._lines(quantity, index, sense))
+
+    def _lines(self, quantity: str, index: Any, sense: int) -> Lines:
+        """The :class:`Lines` of a quantity."""
+        motion = self.lines
+        assert motion is not None  # there are lines
+        rate = 2j * np.pi * motion.hz
+        elastic = None
+        match quantity:
+            case "angle":
+                values = motion.angles[..., index, :]
+            case "speed":
+                values = rate * motion.angles[..., index, :]
+            case "acceleration":
+                values = rate**2 * motion.angles[..., index, :]
+            case "twist":
+                first, second = index
+                values = motion.angles[..., first, :] - motion.angles[..., second, :]
+            case "torque" | "force":
+                values = sense * getattr(motion, f"{quantity}s")[..., index, :]
+                elastic = sense * getattr(motion, f"elastic_{quantity}s")[..., index, :]
+            case "gear_torque":
+                values, elastic = self._gear_torques(motion, index)
+            case "deflection" | "transmission_error":
+                # Errors of teeth follow the rotation: they have no lines.
+                values = sense * motion.deflections[..., index, :]
+            case _:
+                raise AssertionError(f"{quantity} is no signal")
+        return Lines(motion.hz, values, elastic)
+
+    def _gear_torques(self, fields: Fields, index: int) -> tuple[Array, Array]:
+        """Coefficients of the torque that a gear passes on, and of its elastic part."""
+        senses = np.array(
+            [(a == index) - (b == index) for a, b in self.topology.mesh_ends],
+            dtype=float,
+        )
+        radius = self.radius[..., index, None]
+
+        def torque(forces: Array) -> Array:
+            return radius * namespace(forces).einsum("g,...gk->...k", senses, forces)
+
+        return torque(fields.forces), torque(fields.elastic_forces)
+
+    def _refuse_lines(self, quantity: str) -> None:
+        """Refuse what is of one cycle alone, where torques have lines."""
+        if self.lines is not None:
+            raise ValueError(
+                f"{quantity} is that of a cycle, and torques have lines at fixed"
+                " frequencies: no cycle is like the next. Read forces and torques, or"
+                " march the motion with jaxhb.transient"
+            )
+
+    def _read_orders(self, quantity: str, index: Any, sense: int) -> Any:
+        """A quantity by its orders."""
         match quantity:
             case "angle":
                 return self._signal(self.angles[..., index, :])
@@ -273,19 +345,12 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                     )
                 return self._signal(sense * approach)
             case "gear_torque":
-                senses = np.array(
-                    [(a == index) - (b == index) for a, b in self.topology.mesh_ends],
-                    dtype=float,
-                )
-                radius = self.radius[..., index, None]
-                total, elastic = (
-                    radius * namespace(forces).einsum("g,...gk->...k", senses, forces)
-                    for forces in (self.forces, self.elastic_forces)
-                )
-                return self._signal(total, elastic)
+                return self._signal(*self._gear_torques(self, index))
             case "power":
                 return self._power(index)
             case "contact":
+                if self.topology.mesh_backlash[index]:
+                    self._refuse_lines("contact")
                 refuse_tracers(
                     "mesh", self.deflections, instead=f"read {SMOOTH} there", host=True
                 )
@@ -345,6 +410,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M,
         count)`` m.
         """
+        self._refuse_lines("deflection_samples")
         return fourier.sample(self.deflections, count)
 
     def impact_energy(self, a: str, b: str | None = None) -> float:

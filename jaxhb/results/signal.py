@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._equal import by_value
-from jaxhb._jax import Array, namespace, refuse_tracers, traced
+from jaxhb._jax import Array, concrete, namespace, refuse_tracers, traced
 from jaxhb._shown import number
 from jaxhb.equations import fourier
 
+SAME_HZ = 1e-9  # share by which frequencies of one line differ
 MISSED = 0.01  # share of the peak by which samples may miss it without a warning
 
 
@@ -70,12 +71,54 @@ class Summarized:
 @jax.tree_util.register_dataclass
 @by_value
 @dataclass(frozen=True)
+class Lines:
+    """Parts of a signal at fixed frequencies, beside its orders.
+
+    Parameters
+    ----------
+    hz : ``(..., L)`` Hz
+    coefficients : complex ``(..., L)``
+        Two-sided like those of orders; 0 where another line has the same frequency,
+        which then has the sum.
+    elastic_coefficients : complex ``(..., L)`` or None
+        Elastic part of a transmitted force or torque.
+    """
+
+    hz: Array
+    coefficients: Array
+    elastic_coefficients: Array | None = None
+
+    @property
+    def amplitudes(self) -> Array:
+        """One-sided peak amplitudes ``(..., L)``."""
+        return 2 * _absolute(self.coefficients)
+
+    @property
+    def phases_deg(self) -> Array:
+        """Phases of the cosines in deg ``(..., L)``, at 0 s."""
+        return _phases_deg(self.coefficients)
+
+    @property
+    def listed_hz(self) -> list[float]:
+        """Distinct frequencies in Hz, rising."""
+        return np.unique(np.asarray(self.hz)).tolist()
+
+
+@jax.tree_util.register_dataclass
+@by_value
+@dataclass(frozen=True)
 class Signal(Summarized):
     """A periodic quantity, or a batch of them.
 
     The signal is ``mean + sum_k A_k cos(order_k theta + phase_k)``, theta the angle of
     the reference rotor, zero at firing top dead centre of a cylinder with firing angle
     0.
+
+    Torques with lines at fixed frequencies add ``sum_l A_l cos(2 pi hz_l t +
+    phase_l)``, and the signal then has no period. Its extremes are those of the orders
+    beyond which all lines go at once: no time exceeds them, and where the frequencies
+    have no common period some come as near to them as one likes. The rms takes lines
+    and orders as independent.
 
     Parameters
     ----------
@@ -91,6 +134,8 @@ class Signal(Summarized):
         Whether the contact of teeth was an unknown of the solve, as where they hammer:
         extremes may then be narrow peaks, and their derivatives, of one time sample,
         come with a warning.
+    lines : Lines or None
+        Parts at fixed frequencies, of a forced response alone.
 
     Examples
     --------
@@ -106,6 +151,7 @@ class Signal(Summarized):
     revolutions_per_cycle: float = field(metadata={"static": True})
     resolution: int = field(metadata={"static": True})
     sharp: bool = field(default=False, metadata={"static": True})
+    lines: Lines | None = None
 
     def __repr__(self) -> str:
         kind = type(self).__name__
@@ -134,15 +180,29 @@ class Signal(Summarized):
             raise AttributeError(
                 "this signal is not a force or torque: it has no elastic part"
             )
+        lines = self.lines
+        if lines is not None and lines.elastic_coefficients is not None:
+            lines = Lines(lines.hz, lines.elastic_coefficients)
         return dataclasses.replace(
-            self, coefficients=self.elastic_coefficients, elastic_coefficients=None
+            self,
+            coefficients=self.elastic_coefficients,
+            elastic_coefficients=None,
+            lines=lines,
         )
 
     def reversed(self) -> Self:
         """The quantity with the other sign."""
         part = None if self.elastic_coefficients is None else -self.elastic_coefficients
+        lines = self.lines
+        if lines is not None:
+            elastic = lines.elastic_coefficients
+            elastic = None if elastic is None else -elastic
+            lines = Lines(lines.hz, -lines.coefficients, elastic)
         return dataclasses.replace(
-            self, coefficients=-self.coefficients, elastic_coefficients=part
+            self,
+            coefficients=-self.coefficients,
+            elastic_coefficients=part,
+            lines=lines,
         )
 
     @property
@@ -153,10 +213,7 @@ class Signal(Summarized):
     @property
     def phases_deg(self) -> Array:
         """Phases of the cosines in deg ``(..., K)``."""
-        xp = namespace(self.coefficients)
-        tail = self.coefficients[..., 1:]
-        # The angle of 0 has no derivative.
-        return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
+        return _phases_deg(self.coefficients[..., 1:])
 
     def order(self, order: float) -> Array:
         """Amplitude of one order."""
@@ -176,13 +233,66 @@ class Signal(Summarized):
             return 0 * self.rms
         return self.amplitudes[..., harmonic - 1]
 
+    def line(self, hz: float) -> Array:
+        """Amplitude of the line at a fixed frequency; ValueError where no torque has
+        one there.
+        """
+        listed = []
+        if self.lines is not None:
+            (frequencies,) = concrete(self.lines.hz)
+            refuse_tracers(
+                "line", frequencies, instead="read .lines.amplitudes there", host=True
+            )
+            here = np.abs(np.asarray(frequencies) - hz) <= SAME_HZ * hz
+            if here.any():
+                return (np.where(here, 1.0, 0.0) * self.lines.amplitudes).sum(axis=-1)
+            listed = np.unique(frequencies).tolist()
+        known = ", ".join(f"{each:.12g}" for each in listed) or "none"
+        raise ValueError(f"there is no line at {hz:g} Hz; lines in Hz: {known}")
+
+    def by_line(self) -> dict[float, Array]:
+        """Amplitude ``(...)`` of every line by its frequency in Hz, rising; of numbers
+        that are concrete.
+        """
+        if self.lines is None:
+            return {}
+        return {hz: self.line(hz) for hz in self.lines.listed_hz}
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak,
+        sum_of_amplitudes, amplitudes, and the amplitudes of ``lines`` where there are
+        any.
+        """
+        lines = [[hz, float(amplitude)] for hz, amplitude in self.by_line().items()]
+        return super().summary() | ({"lines": lines} if lines else {})
+
+    @property
+    def sum_of_lines(self) -> Array:
+        """Sum of the amplitudes of all lines at fixed frequencies, 0 without any."""
+        if self.lines is None:
+            return 0 * self.coefficients[..., 0].real
+        return self.lines.amplitudes.sum(axis=-1)
+
+    @property
+    def sum_of_amplitudes(self) -> Array:
+        """Sum of the amplitudes of all orders and lines, often shown by published
+        torque curves of crankshafts; never below half peak-to-peak.
+        """
+        return self.amplitudes.sum(axis=-1) + self.sum_of_lines
+
     def samples(self, count: int) -> Array:
         """Values at ``count`` equidistant time samples of one cycle, from theta = 0;
         shape ``(..., count)``.
 
         Warns where the samples miss the peak by more than 1 % of it, and names a count
-        that is enough.
+        that is enough. ValueError of a signal with lines at fixed frequencies.
         """
+        if self.lines is not None:
+            raise ValueError(
+                "the signal has lines at fixed frequencies, so no cycle is like the"
+                " next: read its extremes and amplitudes, or march it with"
+                " jaxhb.transient"
+            )
         values = self._sampled(count)
         if count >= self.resolution or traced(values):
             return values
@@ -238,27 +348,31 @@ class Signal(Summarized):
         """Largest value over the cycle; its derivative is of one time sample, and warns
         where teeth may hammer.
         """
-        return self._over("max", lambda values: values.max(axis=-1))
+        largest = self._over("max", lambda values: values.max(axis=-1))
+        return largest + self.sum_of_lines
 
     @property
     def min(self) -> Array:
         """Smallest value over the cycle; derivatives as of :attr:`max`."""
-        return self._over("min", lambda values: values.min(axis=-1))
+        smallest = self._over("min", lambda values: values.min(axis=-1))
+        return smallest - self.sum_of_lines
 
     @property
     def peak(self) -> Array:
         """Largest absolute value over the cycle; derivatives as of :attr:`max`."""
-        return self._over(
+        largest = self._over(
             "peak", lambda values: namespace(values).abs(values).max(axis=-1)
         )
+        return largest + self.sum_of_lines
 
     @property
     def half_peak_to_peak(self) -> Array:
         """(max - min) / 2 of the synthesised signal; derivatives as of :attr:`max`."""
-        return self._over(
+        of_orders = self._over(
             "half_peak_to_peak",
             lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2,
         )
+        return of_orders + self.sum_of_lines
 
     def _over(self, name: str, function: Callable[[Array], Array]) -> Array:
         """Extreme ``name`` over the cycle: a ``function`` of the samples."""
@@ -275,7 +389,11 @@ class Signal(Summarized):
         """Root mean square over the cycle, mean included."""
         power = self.coefficients.real**2 + self.coefficients.imag**2
         # Parseval: each coefficient n > 0 stands for -n too.
-        return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
+        square = power[..., 0] + 2 * power[..., 1:].sum(axis=-1)
+        if self.lines is not None:
+            lines = self.lines.coefficients
+            square = square + 2 * (lines.real**2 + lines.imag**2).sum(axis=-1)
+        return _power(square, 0.5)
 
     def smooth_peak(self, p: float = 64) -> Array:
         """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with
@@ -284,7 +402,7 @@ class Signal(Summarized):
         sample, whose slope truncation spoils, and warn.
         """
         values = self._sampled(self.resolution)
-        return p_norm(namespace(values).abs(values), p)
+        return p_norm(namespace(values).abs(values), p) + self.sum_of_lines
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""
@@ -339,6 +457,12 @@ def _power(values: Array, exponent: float) -> Array:
     """Power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
     xp = namespace(values)
     return xp.where(values == 0, 0.0, xp.where(values == 0, 1.0, values) ** exponent)
+
+
+def _phases_deg(values: Array) -> Array:
+    """Phases in deg; the angle of 0, which has no derivative, is 0."""
+    xp = namespace(values)
+    return xp.angle(xp.where(values == 0, 1.0, values)) * (180 / np.pi)
 
 
 def _absolute(values: Array) -> Array:

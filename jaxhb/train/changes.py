@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxhb._jax import Array, load, traced
 from jaxhb.elements import derived
-from jaxhb.elements.declared import LARGEST
+from jaxhb.elements.declared import LARGEST, LINES
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES, Mesh
 from jaxhb.elements.event_tables import row_of, without_effect
 from jaxhb.elements.events import rows_errors
@@ -274,9 +274,10 @@ def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
     if table not in EXCITATIONS:
         return row
     kind = EXCITATIONS[table]
+    seats = train.topology.seats_of(table)
     if field == kind.order_rows:
-        return row[: len(train.topology.seats_of(table).harmonics[index])]
-    return kind.scene_row(train.table(table), field, place, row)
+        return row[: len(seats.harmonics[index])]
+    return kind.scene_row(train.table(table), seats, field, place, row)
 
 
 def read(train: TrainArrays, key: str) -> Any:
@@ -459,6 +460,9 @@ def _value_errors(
         rows = number.tolist()
         texts = row_errors(field, declared.metadata["columns"], rows)
         texts += over_rpm_errors(field, rows, least_is_excluded=excluded)
+        return [f"{where}: {text}" for text in texts]
+    if declared is not None and declared.metadata.get("columns") == LINES:
+        texts = row_errors(field, LINES, number.tolist())
         return [f"{where}: {text}" for text in texts]
     if declared is None or shape or declared.metadata["kind"] != "number":
         return []

@@ -4,10 +4,15 @@ cycle. Pure functions on arrays.
 Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in
 Re(A exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with the
 number of elements.
+
+Torques may have lines at fixed frequencies beside these, with which no motion repeats
+after a cycle. All that asks here for harmonics is refused such a train, unless it says
+that it takes the lines, too (:func:`lines_at`).
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from functools import lru_cache, partial
 
@@ -15,10 +20,12 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, added, namespace, on_host, remembered
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
+from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.sentences import SceneError
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.orders import add_rows, highest_rows
 from jaxhb.train.kinematics import speed_ratios
-from jaxhb.train.tables import TrainArrays
+from jaxhb.train.tables import Train, TrainArrays
 from jaxhb.train.topology import Topology
 
 
@@ -79,8 +86,88 @@ def main_speed(train: TrainArrays) -> float:
     return float(train.topology.rated_rpm or max(speeds(train)) or ANY_SPEED)
 
 
+def _line_places(topology: Topology) -> list[tuple[str, int]]:
+    """Name and disk of the element of every line, kind after kind."""
+    return [
+        (seats.names[i], seats.disk[i])
+        for table, kind in EXCITATIONS.items()
+        for seats in (topology.seats_of(table),)
+        for i, _ in kind.line_places(seats)
+    ]
+
+
+def line_owners(topology: Topology) -> list[str]:
+    """Name of the element of every line at a fixed frequency."""
+    return [name for name, _ in _line_places(topology)]
+
+
+def line_names(topology: Topology) -> list[str]:
+    """Names of the elements that have lines at fixed frequencies, each once."""
+    return list(dict.fromkeys(line_owners(topology)))
+
+
+def line_disks(topology: Topology) -> np.ndarray:
+    """Disk ``(L,)`` of every line at a fixed frequency."""
+    return np.array([disk for _, disk in _line_places(topology)], dtype=int)
+
+
+def lines_at(train: TrainArrays, rpm: Number) -> tuple[Array, Array]:
+    """Frequency in Hz ``(L,)`` of every line, and its coefficient in N m ``(..., L)``
+    at ``rpm`` ``(...)``, half the complex amplitude.
+    """
+    xp = namespace(train, rpm)
+    speed = xp.asarray(rpm, dtype=float)
+    lines = [
+        kind.lines(numbers, seats, speed) for kind, numbers, seats in train.excited()
+    ]
+    hz = xp.concatenate([frequencies for frequencies, _ in lines])
+    return hz, xp.concatenate([torque for _, torque in lines], axis=-1)
+
+
+def line_torques(train: TrainArrays, rpm: Number) -> tuple[Array, Array]:
+    """Frequency ``(L,)`` Hz of every line, and the coefficients ``(..., S, L)`` in N m
+    on the disks at ``rpm`` ``(...)``; those of one frequency act together, as the
+    first of them.
+    """
+    hz, coefficients = lines_at(train, rpm)
+    xp = namespace(hz, coefficients)
+    seats = np.eye(train.topology.n_disks)[:, line_disks(train.topology)]
+    if not len(hz):
+        return hz, seats * coefficients[..., None, :]
+    first = xp.argmax(hz[:, None] == hz, axis=1)
+    together = first[:, None] == np.arange(len(hz))
+    return hz, (seats * coefficients[..., None, :]) @ (together + 0j)
+
+
+def without_lines(train: Train) -> Train:
+    """The same train without lines at fixed frequencies."""
+    numbers = {}
+    every_seats = []
+    for table, (kind, own_numbers, seats) in zip(
+        EXCITATIONS, train.excited(), strict=True
+    ):
+        numbers[table], without = kind.without_lines(own_numbers, seats)
+        every_seats.append(without)
+    topology = dataclasses.replace(train.topology, excitations=tuple(every_seats))
+    return dataclasses.replace(train, topology=topology, excitations=numbers)
+
+
+def refuse_lines(topology: Topology) -> None:
+    """Refuse trains with lines at fixed frequencies, where a periodic motion is
+    computed.
+    """
+    names = line_names(topology)
+    if names:
+        raise SceneError(
+            f"{topology.title}: [[torque]] {names[0]!r} has lines at fixed frequencies,"
+            " with which no motion repeats after a cycle. Take the linear answer"
+            " (jaxhb.forced_response, jaxhb forced), march the motion"
+            " (jaxhb.transient), or leave out its lines."
+        )
+
+
 def excitation(
-    train: TrainArrays, rpm: Number, harmonics: int
+    train: TrainArrays, rpm: Number, harmonics: int, *, beside_lines: bool = False
 ) -> tuple[Array, Array, Array]:
     """Torque in N m on every disk up to harmonic N of the cycle, complex [..., n_disks,
     N + 1], loads included; the mean torque of each load [..., n_loads]; and the
@@ -93,7 +180,12 @@ def excitation(
     alpha of its own rotor multiplies by exp(-i order alpha). Of numbers of the host the
     arrays are read-only: they are cached, as plan and problem of one speed both need
     them.
+
+    SceneError of a train with lines, unless ``beside_lines`` says that the caller needs
+    the harmonics without them.
     """
+    if not beside_lines:
+        refuse_lines(train.topology)
     if namespace(train, rpm) is not np or np.size(rpm) != 1:
         return _excitation(train, rpm, harmonics)
     speed = np.asarray(rpm, dtype=float).item()
@@ -180,14 +272,17 @@ def load_power_kW(train: TrainArrays, rpm: Number, load_torque: Array) -> Array:
     return -at_reference * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 
 
-def highest_harmonic(train: TrainArrays) -> int:
+def highest_harmonic(train: TrainArrays, *, beside_lines: bool = False) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that
     counts. Host: concrete values.
 
     Counted are all harmonics that have an amplitude, those of meshes too, inertia
     torques up to order 6 of their own rotor, and of computed gas torques those above
-    1e-6 of the largest, always within the cylinder's ``orders``.
+    1e-6 of the largest, always within the cylinder's ``orders``. Lines as in
+    :func:`excitation`.
     """
+    if not beside_lines:
+        refuse_lines(train.topology)
     topology = train.topology
     harmonics = [1]
     for kind, numbers, seats in train.excited():
@@ -200,13 +295,15 @@ def highest_harmonic(train: TrainArrays) -> int:
 
 
 @lru_cache(maxsize=256)
-def listed_harmonic(topology: Topology) -> int:
+def listed_harmonic(topology: Topology, *, beside_lines: bool = False) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation can have, whatever the
     numbers of the train are.
 
     Amplitudes of 0 and cylinders that misfire count like the others: with so many
-    :func:`excitation` drops nothing.
+    :func:`excitation` drops nothing. Lines as there.
     """
+    if not beside_lines:
+        refuse_lines(topology)
     listed = [row for seats in topology.excitations for row in seats.listed()]
     listed += topology.load_harmonics
     for name in (*OF_PERIOD, *OF_GEARS):

@@ -257,6 +257,10 @@ def without_fuel(train: DriveTrain) -> DriveTrain:
         mean=xp.where(driving, 0.0, numbers.mean),
         harmonics=xp.where(driving[:, None, None], 0.0, numbers.harmonics),
     )
+    if numbers.lines is not None:
+        # The frequencies stay.
+        kept = xp.stack([xp.ones_like(driving), ~driving, ~driving], axis=-1)
+        idle = dataclasses.replace(idle, lines=kept[:, None] * numbers.lines)
     return with_table(train, "torque", idle)
 
 

@@ -13,6 +13,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.equations.state_space import Partition, loss_damping, partition, state_space
 from jaxhb.equations.system import System
+from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
 from jaxhb.solutions.solve import solve
@@ -32,7 +33,7 @@ from jaxhb.transients.course import Course, disturbance_of
 from jaxhb.transients.free_speed import Plan
 from jaxhb.transients.march import Errors, Marching, Slipping, Varying
 from jaxhb.transients.motion import Readings
-from jaxhb.transients.timeline import Grid
+from jaxhb.transients.timeline import Grid, SpeedTable
 from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
@@ -136,7 +137,7 @@ class TransientEquations:
         topology = train.topology
         xp = namespace(train)
         meshes = law_meshes(self.fixed)
-        harmonics = excitation.listed_harmonic(topology)
+        harmonics = excitation.listed_harmonic(topology, beside_lines=True)
         weights = [step_weights(self.space, h) for h in steps.lengths]
         stacked: StepWeights = jax.tree.map(lambda *rows: xp.stack(rows), *weights)
         lowest = float(plan.table.rpm.min())
@@ -247,11 +248,46 @@ class TransientEquations:
         still = [disk not in turning for disk in range(topology.n_disks)]
         return np.where(still, rigid, 0.0)
 
+    def notes_on_start(self, start: Any, table: SpeedTable) -> tuple[str, ...]:
+        """Notes on the motion at 0 s."""
+        names = excitation.line_names(self.train.topology)
+        by_default = start is None and table.rpm[0] > 0
+        steady = by_default or (isinstance(start, str) and start == "steady")
+        if not (names and steady) or self._is_linear:
+            return ()
+        return (
+            "it starts from the steady motion without the lines at fixed frequencies of"
+            f" {', '.join(names)}",
+        )
+
+    @property
+    def _is_linear(self) -> bool:
+        """Whether the train is linear, of constant numbers at one speed."""
+        topology = self.train.topology
+        return topology.linear_in_contact and not topology.has_law.any()
+
+    def _linear_steady(self, rpm: float) -> ForcedResponse:
+        """The steady motion of a linear train at a speed, lines at fixed frequencies
+        among it.
+        """
+        response = forced_response(self.values, rpm=rpm)
+        if not response.converged:
+            raise SceneError(
+                f"transient: the steady motion at {rpm:g} rpm is unknown:"
+                f' {response.status_name}: start from "rest".'
+            )
+        if traced(self.train):
+            return forced_response(self.train, rpm=rpm)
+        return response
+
     def _steady(self, rpm: float) -> SteadyState | Response:
         """The steady motion at a speed; where the train is traced as a solution of its
-        equations, which has derivatives.
+        equations, which has derivatives. Lines at fixed frequencies are part of it
+        where the train is linear.
         """
-        state = steady_state(self.values, rpm=rpm)
+        if excitation.line_names(self.train.topology) and self._is_linear:
+            return self._linear_steady(rpm)
+        state = steady_state(excitation.without_lines(self.values), rpm=rpm)
         if not state.known:
             raise SceneError(
                 f"transient: the steady motion at {rpm:g} rpm is unknown:"
@@ -264,7 +300,7 @@ class TransientEquations:
                 f"transient: the steady motion at {rpm:g} rpm is {state.kind} and has"
                 ' no derivatives: start from "rest", or give its motion.'
             )
-        train = self.train
+        train = excitation.without_lines(self.train)
         if state.period > 1:
             train = train.repeated(state.period)
         return solve(train, rpm=rpm, start=state.response)
@@ -280,13 +316,18 @@ def _slipping(system: System, links: np.ndarray) -> Slipping | None:
 
 def _motion(train: DriveTrain, response: Response) -> Array:
     """Motion (x, x') ``(2S,)`` of the disks at the begin of a cycle of a response, with
-    its derivatives.
+    its derivatives; lines at fixed frequencies as they are at 0 s.
     """
     angles = response.angles * displacement_radii(train)[:, None]
     omega = response.topology.cycle_frequency(response.rpm)
     xp = namespace(angles)
     both = xp.concatenate([angles, fourier.derivative(angles, omega)])
-    return fourier.sample(both, 1)[:, 0]
+    motion = fourier.sample(both, 1)[:, 0]
+    if response.lines is None:
+        return motion
+    lines = response.lines.angles * displacement_radii(train)[:, None]
+    rates = 2j * np.pi * response.lines.hz * lines
+    return motion + 2 * xp.concatenate([lines, rates]).real.sum(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -316,6 +357,7 @@ class SpringsOverSpeed:
             stiffness = xp.concatenate([system.stiffness, system.ground])
             return stiffness, xp.concatenate([system.viscous, system.damping])
 
+        both: list[Array]
         if xp is np:
             rows = [at(float(rpm)) for rpm in nodes.ravel()]
             both: list[Array] = [np.stack([row[k] for row in rows]) for k in (0, 1)]

@@ -206,6 +206,9 @@ def _torques(
 ) -> Array:
     """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
     table = marching.torques
+    seconds = block.begin + SHARES * block.duration
+    at_lines = jnp.exp(2j * jnp.pi * seconds[:, None] * table.hz)
+    turning = jnp.concatenate([turning[:, : table.highest + 1], at_lines], axis=1)
     omega = block.speeds(ENDS)
     panel = panel_of(table.omega, omega[1])
 
@@ -286,11 +289,12 @@ def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
     """The :class:`_HalfSteps` of a block."""
     angle = block.angles(SHARES) / marching.revolutions
     acceleration = block.accelerations(SHARES)
-    coefficients = [marching.torques.harmonics, marching.variation]
+    highest = [marching.torques.highest]
+    if marching.variation is not None:
+        highest.append(marching.variation.shape[-1] - 1)
     if marching.errors is not None:
-        coefficients.append(marching.errors.coefficients)
-    highest = max(table.shape[-1] for table in coefficients if table is not None) - 1
-    turning = _turning(angle, highest)
+        highest.append(marching.errors.coefficients.shape[-1] - 1)
+    turning = _turning(angle, max(highest))
     loads = [
         _torques(marching, block, turning, acceleration),
         acceleration[:, None],

@@ -100,7 +100,7 @@ class Transient(Motion[History, ToothContact, Array]):
     ----------
     time, rpm, angle : ``(n,)`` s, speed of the reference rotor in rpm, rad that its
     mean rotation has turned
-    notes : what to know about the numbers
+    notes : what to know about the numbers; interrupted : whether the user ended it
     """
 
     topology: Topology = field(repr=False)
@@ -113,6 +113,7 @@ class Transient(Motion[History, ToothContact, Array]):
     teeth: Array = field(repr=False)
     readings: Readings = field(repr=False)
     notes: tuple[str, ...] = ()
+    interrupted: bool = False
 
     solution = None
 

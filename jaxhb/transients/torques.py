@@ -5,9 +5,11 @@ The torque of a disk at the angle theta and the speed Omega is
 
     T = Re sum_n c_n(Omega) exp(i n theta),
 
-with the harmonics ``c_n`` that steady motions have at that speed. What counts on the
-momentary acceleration in the inertia torque of a crank drive, less its mean, is left
-out: its share of the rest is the change of speed in a revolution over the speed.
+with the harmonics ``c_n`` that steady motions have at that speed, and of lines at
+fixed frequencies, which count on the time, ``Re c_l(Omega) exp(2 pi i f_l t)``. What
+counts on the momentary acceleration in the inertia torque of a crank drive, less its
+mean, is left out: its share of the rest is the change of speed in a revolution over
+the speed.
 
 In the frame that turns with the mean rotation, disks of speed ratio i carry ``-J i
 alpha``. Loads of a given speed take the power that accelerates the train from theirs;
@@ -45,18 +47,26 @@ STANDSTILL = 1e-3
 @dataclass(frozen=True)
 class TorqueTable:
     """Harmonics of the torques of D disks over the speed, in P panels, each a parabola
-    through its begin, its middle and its end.
+    through its begin, its middle and its end; behind harmonics 0 to N the L lines of
+    fixed frequencies.
 
-    omega ``(P, 2)`` rad/s: begin and end of the panels; harmonics ``(M, P, 3, D, N+1)``
-    N m of M states of the cylinders; idle : the same without gas torques and torques
-    that drive, None where no event changes the fuel; accelerating ``(D, N+1)`` N m s2:
-    what loads add per angular acceleration of the reference rotor.
+    omega ``(P, 2)`` rad/s: begin and end of the panels; harmonics ``(M, P, 3, D,
+    N+1+L)`` N m of M states of the cylinders; hz ``(L,)`` of the lines; idle : the same
+    without gas torques and torques that drive, None where no event changes the fuel;
+    accelerating ``(D, N+1+L)`` N m s2: what loads add per angular acceleration of the
+    reference rotor.
     """
 
     omega: Array
     harmonics: Array
+    hz: Array
     accelerating: Array
     idle: Array | None = None
+
+    @property
+    def highest(self) -> int:
+        """Highest harmonic N."""
+        return self.harmonics.shape[-1] - len(self.hz) - 1
 
 
 def excited_disks(train: TrainArrays) -> np.ndarray:
@@ -141,17 +151,23 @@ def torque_table(
     xp = namespace(train)
     disks = excited_disks(train)
     rpm = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
+    hz, _ = excitation.lines_at(train, rpm[0, 0])
     patterns = load_patterns(train, harmonics)[:, disks]
+    patterns = xp.pad(patterns, ((0, 0), (0, 0), (0, len(hz))))
 
     def over_panels(other: DriveTrain) -> Array:
-        torque, balancing, _ = excitation.excitation(other, rpm.ravel(), harmonics)
-        torque = torque[:, disks].reshape(*rpm.shape, len(disks), harmonics + 1)
+        torque, balancing, _ = excitation.excitation(
+            other, rpm.ravel(), harmonics, beside_lines=True
+        )
+        _, of_lines = excitation.line_torques(other, rpm.ravel())
+        torque = xp.concatenate([torque, of_lines], axis=-1)[:, disks]
+        torque = torque.reshape(*rpm.shape, *torque.shape[1:])
         if free:
             change = load_torques(train, rpm) - balancing.reshape(*rpm.shape, -1)
             torque = torque + xp.einsum("pkl,ldn->pkdn", change + 0j, patterns)
         return torque
 
-    accelerating = xp.zeros((len(disks), harmonics + 1), dtype=complex)
+    accelerating = xp.zeros((len(disks), harmonics + 1 + len(hz)), dtype=complex)
     if not free and train.topology.load_disk:
         share = xp.asarray(train.loads.share)
         rotor = np.array(train.topology.rotor, dtype=int)
@@ -161,6 +177,7 @@ def torque_table(
     return TorqueTable(
         omega=ranges * (np.pi / 30),
         harmonics=xp.stack([over_panels(other) for other in trains]),
+        hz=hz,
         accelerating=accelerating,
         idle=xp.stack([over_panels(other) for other in idle_trains])
         if idle_trains

@@ -20,7 +20,6 @@ from jaxhb.results.steady import SteadyState
 from jaxhb.train import excitation
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import main_speed
-from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.varying import at_speed
 from jaxhb.transients import torques
 from jaxhb.transients.course import (
@@ -32,7 +31,7 @@ from jaxhb.transients.course import (
     refuse_moving_jumps,
 )
 from jaxhb.transients.equations import TransientEquations
-from jaxhb.transients.free_speed import MeanRotation, Plan, free_plan, rotated
+from jaxhb.transients.free_speed import Plan, free_plan, mean_rotation, rotated
 from jaxhb.transients.march import Marched, Marching, first_instant, march
 from jaxhb.transients.motion import Readings, Transient
 from jaxhb.transients.timeline import (
@@ -47,8 +46,8 @@ from jaxhb.transients.timeline import (
     speed_table,
 )
 
-# Steps per period of the highest harmonic of the excitation at the highest speed, and
-# of the highest mode that teeth notice.
+# Steps per period of the highest harmonic of the excitation at the highest speed and of
+# the highest line, and of the highest mode that teeth notice.
 STEPS_PER_WAVE = 32
 STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
@@ -94,9 +93,10 @@ def transient(
     events : names of events and sequences of the scene
     start : "steady", "rest", "open", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
-        that is 0 rpm); "rest": no vibration, the links without torque; "open": the
-        same, and what hangs on the reference rotor by clutches of events alone stands
-        still; or displacements in m and velocities in m/s of the disks.
+        that is 0 rpm), of a train that is not linear without its lines at fixed
+        frequencies, and a note says so; "rest": no vibration, the links without torque;
+        "open": the same, and what hangs on the reference rotor by clutches of events
+        alone stands still; or displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
     record : float, optional
@@ -109,6 +109,7 @@ def transient(
     Returns
     -------
     Transient
+        Ctrl-C ends it early: ``interrupted`` is then True.
 
     Raises
     ------
@@ -159,9 +160,10 @@ def transient(
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
     state = equations.begin(start, plan)
+    notes = (*equations.notes, *equations.notes_on_start(start, plan.table))
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
-    marched = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, marched, readings, equations.notes)
+    instants = _march(marching, state, blocks, recording, progress)
+    return _result(train, blocks, recording, instants, readings, notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
@@ -169,14 +171,7 @@ def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) ->
     mode = plan.course.mode(steps.begin)
     if not plan.free:
         return blocks_of_table(steps, plan.table, mode)
-    ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
-    mean = MeanRotation(
-        table=marching.torques,
-        ratios=ratio[torques.excited_disks(train)],
-        event_ratios=ratio[plan.course.torque_disks],
-        inertia=torques.accelerated_inertia(train),
-        disturbance=marching.disturbance,
-    )
+    mean = mean_rotation(train, plan.course, marching.torques, marching.disturbance)
     rpm = float(plan.table.rpm[0])
     rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
     if not traced(rotation):
@@ -206,7 +201,7 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
     if topology.ground_disk or topology.load_disk:
         return
     rpm = float(table.rpm[0])
-    torque, _, imbalance = excitation.excitation(train, rpm, 1)
+    torque, _, imbalance = excitation.excitation(train, rpm, 1, beside_lines=True)
     largest = np.abs(torque[:, 0]).max(initial=0.0)
     if abs(float(imbalance)) > IMBALANCE * largest:
         raise SceneError(
@@ -228,8 +223,9 @@ def _grid(
         )
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
-    wave = fastest * excitation.highest_harmonic(values)
-    wave = max(wave, highest_event_hz(values, plan.course))
+    wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
+    lines_hz, _ = excitation.lines_at(values, float(table.rpm.max()))
+    wave = max(wave, highest_event_hz(values, plan.course), *lines_hz.tolist())
     modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
     rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
     if rate * seconds > MOST_STEPS:
@@ -304,21 +300,30 @@ def _march(
     blocks: Blocks,
     recording: _Recording,
     progress: Callable[[float], object] | None,
-) -> Marched:
-    """March through all blocks, chunk by chunk."""
+) -> _Instants:
+    """March through all blocks, chunk by chunk; Ctrl-C ends it."""
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
     instant, kept = first_instant(marching, state, first_block)
     instants = _Instants(kept, recording, count, traced(marching, state, blocks))
     # Derivatives backwards keep the state at the begin of every part alone.
     marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
-    for first in range(0, count, CHUNK):
-        part = jax.tree.map(lambda values: values[first : first + CHUNK], blocks)  # noqa: B023
-        instant, marched = marched_part(marching, instant, padded(part, CHUNK))
-        instants.add(marched, len(part.begin))
-        if progress is not None:
-            progress(min(first + CHUNK, count) / count)
-    return instants.marched
+    try:
+        for first in range(0, count, CHUNK):
+            part = _part(blocks, first)
+            instant, marched = marched_part(marching, instant, padded(part, CHUNK))
+            instants.add(marched, len(part.begin))
+            if progress is not None:
+                progress(min(first + CHUNK, count) / count)
+    except KeyboardInterrupt:
+        if not instants.blocks or traced(marching, state, blocks):
+            raise
+    return instants
+
+
+def _part(blocks: Blocks, first: int) -> Blocks:
+    """The blocks of a program from the ``first`` one on."""
+    return jax.tree.map(lambda values: values[first : first + CHUNK], blocks)
 
 
 class _Instants:
@@ -330,7 +335,8 @@ class _Instants:
         self._recording = recording
         self._traced = traced
         self._parts = [begin]
-        self._filled = 1
+        self.count = count
+        self.blocks = 0
         if not self._traced:
             rows = 1 + count * len(recording.places)
             self._arrays = jax.tree.map(
@@ -350,25 +356,29 @@ class _Instants:
         """Keep the steps of the first ``size`` of some blocks."""
         places = self._recording.places
         if self._traced:
-            self._parts.append(
-                jax.tree.map(lambda values: values[:size, places], marched)
+            kept = jax.tree.map(lambda values: values[:size, places], marched)
+            self._parts.append(kept)
+        else:
+            kept = jax.tree.map(
+                lambda values: np.asarray(values)[:size][:, places], marched
             )
-            return
-        on_host = jax.tree.map(
-            lambda values: np.asarray(values)[:size][:, places], marched
-        )
-        self._fill(on_host, self._filled)
-        self._filled += size * len(places)
+            self._fill(kept, self._rows)
+        self.blocks += size
+
+    @property
+    def _rows(self) -> int:
+        """Number of instants so far."""
+        return 1 + self.blocks * len(self._recording.places)
 
     @property
     def marched(self) -> Marched:
         """Rows ``(n, ...)`` of all instants."""
         if not self._traced:
-            return self._arrays
+            return jax.tree.map(lambda values: values[: self._rows], self._arrays)
 
         def joined(*parts: Array) -> Array:
             flat = [part.reshape(-1, part.shape[2]) for part in parts if part.size]
-            shape = (self._filled, parts[0].shape[2])
+            shape = (self._rows, parts[0].shape[2])
             return jnp.concatenate(flat) if flat else jnp.zeros(shape)
 
         return jax.tree.map(joined, *self._parts)
@@ -378,12 +388,19 @@ def _result(
     train: DriveTrain,
     blocks: Blocks,
     recording: _Recording,
-    marched: Marched,
+    instants: _Instants,
     readings: Readings,
     notes: tuple[str, ...],
 ) -> Transient:
     """The :class:`Transient` of the steps that were kept."""
     xp = namespace(blocks)
+    marched = instants.marched
+    interrupted = instants.blocks < instants.count
+    blocks = jax.tree.map(lambda values: values[: instants.blocks], blocks)
+    if recording.stride > 1:
+        notes += (
+            f"one of {recording.stride} steps is kept: peaks between them are not seen",
+        )
     shares = (recording.places + 1) / STEPS
     after = blocks.begin[:, None] + blocks.duration[:, None] * shares
     start = np.zeros(1)
@@ -402,4 +419,5 @@ def _result(
         teeth=marched.teeth,
         readings=readings,
         notes=notes,
+        interrupted=interrupted,
     )

@@ -323,7 +323,12 @@ class CylinderKind(Excitation):
         return harmonics
 
     def scene_row(
-        self, numbers: Cylinders, field: str, place: int, row: Array
+        self,
+        numbers: Cylinders,
+        seats: CylinderSeats,
+        field: str,
+        place: int,
+        row: Array,
     ) -> Array:
         if field == "combustion.exhaust_pressure":
             assert numbers.combustion is not None  # the field was located in it

@@ -174,7 +174,25 @@ class Excitation:
         """
         raise NotImplementedError
 
-    def scene_row(self, numbers: Any, field: str, place: int, row: Array) -> Array:
+    def line_places(self, seats: Any) -> list[tuple[int, int]]:
+        """Element and row of every line, a sine of a fixed frequency that the torque
+        has beside its orders.
+        """
+        return []
+
+    def lines(self, numbers: Any, seats: Any, rpm: Number) -> tuple[Array, Array]:
+        """Frequency in Hz ``(L,)`` of every line, and its coefficient in N m ``(...,
+        L)`` at ``rpm`` ``(...)``, half the complex amplitude.
+        """
+        return np.zeros(0), np.zeros((*np.shape(rpm), 0), dtype=complex)
+
+    def without_lines(self, numbers: Any, seats: Any) -> tuple[Any, Any]:
+        """Numbers and seats of the same elements without their lines."""
+        return numbers, seats
+
+    def scene_row(
+        self, numbers: Any, seats: Any, field: str, place: int, row: Array
+    ) -> Array:
         """The part of a row of numbers that the scene gave."""
         return row
 

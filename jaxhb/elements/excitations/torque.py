@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace
-from jaxhb.elements.columns import collected, column, scales
+from jaxhb.elements.columns import collected, column, padded, scales
 from jaxhb.elements.declared import (
     HARMONICS,
+    LINES,
     SCALE,
     choice,
     declared,
@@ -37,14 +39,16 @@ class Torque:
     """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times
     ``scale`` over rpm.
 
-    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm /
-    rated_rpm)^speed_exponent, 2 unless given: the law of propellers, fans and inertia
-    torques.
+    ``lines`` = rows of (Hz, Re, Im) add Re((Re + i Im) exp(2 pi i Hz t)): frequencies
+    that do not follow the speed, as of a grid or an inverter. With ``rated_rpm``, a
+    speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2
+    unless given: the law of propellers, fans and inertia torques.
     """
 
     disk: str = declared("disk")
     mean: float = quantity("N m", 0.0)
     harmonics: tuple = rows(HARMONICS)
+    lines: tuple = rows(LINES)
     orders_of: str = choice("reference", "own")
     scale: tuple = rows(SCALE)
     rated_rpm: float | None = positive("rpm", None)
@@ -58,7 +62,8 @@ class Torques:
     over rpm [nt, L].
 
     ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
-    no torque has a rated speed.
+    no torque has a rated speed. ``lines`` [nt, K, 3] (Hz, Re, Im), None where no torque
+    has any.
     """
 
     mean: Any
@@ -67,6 +72,14 @@ class Torques:
     scale_factor: Any
     rated_rpm: Any = None
     speed_exponent: Any = None
+    lines: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueSeats(Seats):
+    """Seats of torques; ``lines`` : number of the lines of each."""
+
+    lines: tuple[int, ...] = ()
 
 
 def factor_at(torques: Torques, rpm: Number) -> Array:
@@ -88,7 +101,7 @@ class TorqueKind(Excitation):
 
     element = Torque
     doubtful = "speed_exponent"
-    no_mean = ("harmonics",)
+    no_mean = ("harmonics", "lines")
     order_rows = "harmonics"
 
     def errors(self, element: Torque) -> list[str]:
@@ -123,13 +136,14 @@ class TorqueKind(Excitation):
         disks: Sequence[int],
         ratios: Sequence[float],
         cycle: float,
-    ) -> Seats:
+    ) -> TorqueSeats:
         of_own_rotor = tuple(torque.orders_of == "own" for torque in elements)
         turns = [
             (ratio if is_own else 1.0) * cycle
             for is_own, ratio in zip(of_own_rotor, ratios, strict=True)
         ]
-        return Seats(
+        return TorqueSeats(
+            lines=tuple(len(torque.lines) for torque in elements),
             names=tuple(names),
             disk=tuple(disks),
             of_own_rotor=of_own_rotor,
@@ -139,9 +153,11 @@ class TorqueKind(Excitation):
     def numbers(self, elements: Sequence[Torque]) -> Torques:
         rated = any(torque.rated_rpm is not None for torque in elements)
         exponent = column(elements, "speed_exponent", absent=2.0) if rated else None
-        return collected(
-            Torques, Torque, elements, scales(elements) | {"speed_exponent": exponent}
-        )
+        special = scales(elements) | {"speed_exponent": exponent}
+        if any(torque.lines for torque in elements):
+            rows = [torque.lines for torque in elements]
+            special |= {"lines": padded(rows, (1.0, 0.0, 0.0))}
+        return collected(Torques, Torque, elements, special)
 
     def speeds(self, numbers: Torques) -> list[Array]:
         rated = [] if numbers.rated_rpm is None else [numbers.rated_rpm]
@@ -171,6 +187,32 @@ class TorqueKind(Excitation):
 
     def highest(self, numbers: Torques, seats: Seats) -> list[int]:
         return highest_rows(seats.harmonics, numbers.harmonics)
+
+    def line_places(self, seats: TorqueSeats) -> list[tuple[int, int]]:
+        return [(i, k) for i, count in enumerate(seats.lines) for k in range(count)]
+
+    def lines(
+        self, numbers: Torques, seats: TorqueSeats, rpm: Number
+    ) -> tuple[Array, Array]:
+        places = self.line_places(seats)
+        if not places:
+            return super().lines(numbers, seats, rpm)
+        i, k = np.array(places).T
+        xp = namespace(numbers, rpm)
+        rows = xp.asarray(numbers.lines)[i, k]
+        amplitude = rows[:, 1] + 1j * rows[:, 2]
+        return rows[:, 0], 0.5 * factor_at(numbers, rpm)[..., i] * amplitude
+
+    def without_lines(
+        self, numbers: Torques, seats: TorqueSeats
+    ) -> tuple[Torques, TorqueSeats]:
+        none = dataclasses.replace(seats, lines=(0,) * len(seats.lines))
+        return dataclasses.replace(numbers, lines=None), none
+
+    def scene_row(
+        self, numbers: Torques, seats: TorqueSeats, field: str, place: int, row: Array
+    ) -> Array:
+        return row[: seats.lines[place]] if field == "lines" else row
 
 
 EXCITATION = TorqueKind()

@@ -152,6 +152,7 @@ def campbell_figure(
         min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
     top = 1.08 * (top or 1.0)
+    fixed_hz = sorted({critical.hz for critical in campbell.lines if critical.hz < top})
     traces = [
         line(
             [low, high],
@@ -161,6 +162,16 @@ def campbell_figure(
             showlegend=False,
         )
         for order in campbell.orders
+    ]
+    traces += [
+        line(
+            [low, high],
+            [hz, hz],
+            f"{hz:g} Hz",
+            look={"color": GREY, "dash": "dashdot", "width": 0.8},
+            showlegend=False,
+        )
+        for hz in fixed_hz
     ]
     shown = [k for k in campbell.shown(count) if campbell.frequencies_hz[-1, k] <= top]
     full = {"color": WITHOUT, "dash": "solid", "width": 1.8}
@@ -196,8 +207,10 @@ def campbell_figure(
                 showlegend=False,
             )
         )
+    lines = ", lines at fixed frequencies dash-dotted" if fixed_hz else ""
     caption = (
-        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends),"
+        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends)"
+        f"{lines},"
         " critical speeds circled, filled where the modal torque is above"
         f" {100 * COUNTS:g} % of the largest of the mode"
     )
@@ -205,6 +218,10 @@ def campbell_figure(
         _ray_name(order, high, top, names)
         for order in campbell.orders
         if order * low / 60 < top
+    ]
+    ray_names += [
+        note(f"{hz:g} Hz", low, hz, size=9, xanchor="left", yanchor="bottom")
+        for hz in fixed_hz
     ]
     spec = figure(
         caption,

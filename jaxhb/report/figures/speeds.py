@@ -429,6 +429,10 @@ def orders_figure(
                 look={"width": 1.0},
             )
         )
+    for number, (hz, amplitudes) in enumerate(signal.by_line().items()):
+        style = 2 + len(element.main()) + number
+        look = {"width": 1.0}
+        traces.append(line(rpm, certain * amplitudes, f"{hz:g} Hz", style, look=look))
     traces += crosses(rpm[~converged])
     remark = f"linear forced response over the speed, {title}".removesuffix(", ")
     return figure(

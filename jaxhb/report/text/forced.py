@@ -45,6 +45,13 @@ KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
 then disks.
 """
 
+LINES = (
+    "Lines at fixed frequencies: synthesis and sum hold their amplitudes, as if all"
+    " lines were largest where the orders are; the motion comes as near to that as one"
+    " likes where the frequencies have no common period."
+)
+"""Synthesis of orders and lines, in words."""
+
 TITLES = {
     "disks": "Vibratory angle of disks",
     "shafts": "Vibratory torque of shafts and dampers",
@@ -213,8 +220,10 @@ def forced_text(
             f"{np.sum(~converged)} of {len(converged)} speeds have no answer and are"
             " left out."
         )
+    if response.lines is not None:
+        parts.append(LINES)
     every = (*chosen, *readings(response))
-    if not any(np.any(reading.signal.amplitudes) for reading in every):
+    if not any(np.any(reading.signal.sum_of_amplitudes) for reading in every):
         parts.append(
             "Nothing excites the train. Give it a [[torque]] with harmonics, a"
             " [[cylinder]] or an [engine]."
@@ -227,10 +236,12 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
     signal = reading.signal
     places = reading.main()
     factor, unit = reading.shown
+    lines = signal.by_line()
     sizes = [
         signal.half_peak_to_peak,
         signal.sum_of_amplitudes,
         *signal.amplitudes[:, places].T,
+        *lines.values(),
     ]
     values = [
         np.where(converged, each, np.nan)
@@ -238,6 +249,7 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
     ]
     names = order_names(train_of(reading.response))
     orders = [f"order {names.number(order)}" for order in signal.orders[places]]
+    orders += [f"{hz:g} Hz" for hz in lines]
     omitted = len(reading.listed()) - len(places)
     note = f"; {omitted} smaller orders are left out" if omitted else ""
     speeds = (f"{speed:g}" for speed in reading.response.rpm)
@@ -287,7 +299,7 @@ def worst_tables(
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [
                     factor * values.max(),
-                    f"{rpm[values.argmax()]:g}" if moves else NONE,
+                    f"{rpm[values.argmax()]:g}" if values.max() > 0 else NONE,
                 ]
             row += [
                 names.number(signal.orders[order]) if moves else NONE,
@@ -297,7 +309,24 @@ def worst_tables(
             ]
             rows.append(row)
         tables.append(_over_speeds(of_kind, "largest over the speeds", heads, rows))
+        if response.lines is not None:
+            tables.append(_line_table(of_kind, converged))
     return tables
+
+
+def _line_table(readings: Sequence[ElementReading], converged: np.ndarray) -> Table:
+    """The largest amplitude of every line over the speeds that have an answer, of
+    elements of one kind.
+    """
+    factor, _ = readings[0].shown
+    lines = [reading.at(converged).signal.by_line() for reading in readings]
+    rows = [
+        [reading.name, *(factor * values.max() for values in of_element.values())]
+        for reading, of_element in zip(readings, lines, strict=True)
+    ]
+    heads = [Column(f"{hz:g} Hz", "size") for hz in lines[0]]
+    caption = "lines at fixed frequencies, largest amplitude over the speeds"
+    return _over_speeds(readings, caption, heads, rows)
 
 
 def by_kind(readings: Sequence[ElementReading]) -> list[list[ElementReading]]:
@@ -375,11 +404,13 @@ def _record(
             "phases_deg": signal.phases_deg[:, listed],
             "power_W": reading.power,
         }
+        if signal.lines is not None:
+            record["line_amplitudes"] = list(signal.by_line().values())
         return record | (
             {} if reading.kind == "disks" else {"elastic": summary(signal.elastic)}
         )
 
-    return {
+    record = {
         "scene": response.topology.name,
         "rpm": response.rpm,
         "status": [Status(int(status)).name for status in response.status],
@@ -387,7 +418,10 @@ def _record(
         "load_kW": response.load_kW + 0.0,
         "input_power_W": gapped.input_power,
         "orders": all_orders[listed],
-    } | {
+    }
+    if response.lines is not None:
+        record["lines_hz"] = np.unique(np.asarray(response.lines.hz))
+    return record | {
         kind: {
             reading.name: of_element(reading)
             for reading in gapped_readings
@@ -439,6 +473,8 @@ def _columns(
         for k in reading.listed():
             head = f"{name} order {signal.orders[k]:g} {unit}"
             columns[head] = signal.amplitudes[:, k]
+        for hz, amplitudes in signal.by_line().items():
+            columns[f"{name} {hz:g} Hz {unit}"] = amplitudes
         columns[f"{name} heat W"] = reading.power
     columns |= strength_columns
     cells: dict[str, Any] = {

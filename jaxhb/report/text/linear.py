@@ -259,9 +259,10 @@ def _crossing(
         f" {float(response.rpm[worst]):g} rpm"
     )
     name = train.topology.link_names[link]
+    march = "jaxhb solve" if response.lines is None else "jaxhb.transient"
     return [
-        f"{name}: its vibration leaves this stage {where} ({swing}): only jaxhb solve"
-        " shows what it does there."
+        f"{name}: its vibration leaves this stage {where} ({swing}): only {march} shows"
+        " what it does there."
     ]
 
 
@@ -478,7 +479,7 @@ def campbell_parts(
         ["mode", *columns, Column("kind", left=True)],
         rows,
     )
-    parts = [modes, *_left_out(diagram, count)]
+    parts = [modes, *_left_out(diagram, count), *_line_table(diagram)]
     orders = ", ".join(map(names.number, diagram.orders)) or "none"
     if not diagram.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
@@ -509,6 +510,39 @@ def campbell_parts(
         rows,
     )
     return [*parts, critical_speeds]
+
+
+def _line_table(diagram: Campbell) -> list[Table]:
+    """The table of lines at fixed frequencies and their modes, in a list."""
+    if not diagram.lines:
+        return []
+    at_every_speed = diagram.lines[0].rpm is None
+    rows = [
+        [
+            f"{line.hz:g}",
+            line.mode,
+            f"{line.mode_hz:.2f}",
+            f"{100 * line.apart:+.1f}",
+            plain_number(line.torque),
+            *([] if line.rpm is None else [f"{line.rpm:.1f}"]),
+        ]
+        for line in diagram.lines
+    ]
+    where = "at every speed" if at_every_speed else "where it is nearest or crosses"
+    return [
+        Table(
+            f"Lines at fixed frequencies and the nearest elastic mode, {where}",
+            [
+                "Hz",
+                "mode",
+                "mode Hz",
+                "apart %",
+                "modal torque N m",
+                *["rpm"] * (not at_every_speed),
+            ],
+            rows,
+        )
+    ]
 
 
 def _worst_at(place: int, misfires: Mapping[str, Campbell]) -> tuple[str, float]:
@@ -587,6 +621,17 @@ def campbell_record(
         "modes": modes,
         "critical_speeds": speeds,
     }
+    if diagram.lines:
+        record["lines"] = [
+            {
+                "hz": line.hz,
+                "mode": line.mode,
+                "mode_hz": line.mode_hz,
+                "rpm": line.rpm,
+                "modal_torque": line.torque,
+            }
+            for line in diagram.lines
+        ]
     if misfires:
         record["worst_misfire"] = worst and worst | _of_mode(diagram, misfires, worst)
     return record

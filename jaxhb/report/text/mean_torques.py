@@ -93,7 +93,9 @@ def _noted(responses: Sequence[Response], torques: Sequence[float]) -> str:
     rounding = _rounding(responses[0])
 
     def above(torque: float, response: Response) -> bool:
-        torque_on_disks, *_ = excitation(train_of(response), float(response.rpm), 0)
+        torque_on_disks, *_ = excitation(
+            train_of(response), float(response.rpm), 0, beside_lines=True
+        )
         on_disks = np.abs(np.asarray(torque_on_disks)[:, 0].real)
         return torque > NOTED_SHARE * max(
             on_disks.max(initial=0.0), np.abs(response.load_torque).max(initial=0.0)

@@ -27,6 +27,8 @@ from jaxhb.train.connections import names_of
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import (
     excited_disks,
+    line_owners,
+    lines_at,
     main_speed,
     mean_torques,
     speeds as excitation_speeds,
@@ -327,6 +329,7 @@ def check_text(
                 torques,
             )
         )
+    parts += _line_table(train, speeds, places)
     parts += _charge_table(
         train, [float(response.rpm) for response in responses], places
     )
@@ -364,6 +367,38 @@ def check_text(
             )
         )
     return parts
+
+
+def lines_of(
+    train: DriveTrain, speeds: Sequence[float]
+) -> list[tuple[str, float, list[float]]]:
+    """Torque, frequency in Hz and amplitude in N m at some speeds of every line at a
+    fixed frequency.
+    """
+    hz, coefficients = lines_at(train, np.array(speeds))
+    amplitudes = 2 * np.abs(np.asarray(coefficients))
+    return list(
+        zip(
+            line_owners(train.topology),
+            np.asarray(hz).tolist(),
+            amplitudes.T.tolist(),
+            strict=True,
+        )
+    )
+
+
+def _line_table(
+    train: DriveTrain, speeds: Sequence[float] | None, places: Sequence[str]
+) -> list[Table]:
+    """The table of lines at fixed frequencies, in a list."""
+    lines = lines_of(train, speeds or [ANY_SPEED])
+    rows = [[name, f"{hz:g}", *sizes] for name, hz, sizes in lines]
+    caption = (
+        "Lines of torques at fixed frequencies, amplitude in N m; jaxhb forced takes"
+        " them, and jaxhb.transient"
+    )
+    amplitudes = [Column(place, "amplitude") for place in places]
+    return [Table(caption, ["", "Hz", *amplitudes], rows)] if rows else []
 
 
 def _over_period(train: DriveTrain) -> list[list[str]]:
@@ -457,7 +492,12 @@ def check_record(
         ).tolist()
         for table, field, i, count in train.topology.rpm_tables
     }
-    return ({"over_rpm": over_rpm} if over_rpm else {}) | {
+    lines = [
+        {"torque": name, "hz": hz, "amplitude_Nm": amplitudes}
+        for name, hz, amplitudes in lines_of(train, speeds)
+    ]
+    optional: dict[str, Any] = {"over_rpm": over_rpm, "lines": lines}
+    return {key: values for key, values in optional.items() if values} | {
         "scene": train.topology.name,
         "rpm": speeds,
         "mean_torque_Nm": {
