@@ -360,7 +360,7 @@ class SpringsOverSpeed:
         both: list[Array]
         if xp is np:
             rows = [at(float(rpm)) for rpm in nodes.ravel()]
-            both: list[Array] = [np.stack([row[k] for row in rows]) for k in (0, 1)]
+            both = [np.stack([row[k] for row in rows]) for k in (0, 1)]
         else:
             both = [*jax.vmap(at)(nodes.ravel())]
         stiffness, viscous = both
