@@ -125,7 +125,7 @@ def transient(train: DriveTrain, arguments: cli.TransientOptions) -> int:
         )
         link = ""
         steady = None
-        if "plot" in arguments.files:
+        if "plot" in arguments.files and not run.interrupted:
             link = arguments.link or governing_link(report)
             progress.say("solving for the steady motion at the same speeds")
             steady = steady_extremes(run, link)
@@ -133,9 +133,14 @@ def transient(train: DriveTrain, arguments: cli.TransientOptions) -> int:
         "record": lambda: transient_record(report),
         "rows": lambda: transient_sheet(run),
         "dataset": run.to_xarray,
-        "figure": lambda: plot_transient(report, link, steady),
     }
+    if not run.interrupted:  # who stops a march does not wait for its steady motions
+        makers["figure"] = lambda: plot_transient(report, link, steady)
     deliver(arguments, transient_text(report), makers)
+    if run.interrupted:
+        done = float(run.time[-1])
+        print(f"\nIt was stopped: {done:.4g} of {arguments.seconds:g} s are marched.")
+        return output.INTERRUPTED
     compare(arguments, lambda: of_transient(report))
     return output.ANSWERED
 

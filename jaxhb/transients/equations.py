@@ -33,7 +33,7 @@ from jaxhb.transients.course import Course, disturbance_of
 from jaxhb.transients.free_speed import Plan
 from jaxhb.transients.march import Errors, Marching, Slipping, Varying
 from jaxhb.transients.motion import Readings
-from jaxhb.transients.timeline import Grid, SpeedTable
+from jaxhb.transients.timeline import Grid
 from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
@@ -248,17 +248,23 @@ class TransientEquations:
         still = [disk not in turning for disk in range(topology.n_disks)]
         return np.where(still, rigid, 0.0)
 
-    def notes_on_start(self, start: Any, table: SpeedTable) -> tuple[str, ...]:
+    def notes_on_start(self, start: Any, plan: Plan) -> tuple[str, ...]:
         """Notes on the motion at 0 s."""
-        names = excitation.line_names(self.train.topology)
-        by_default = start is None and table.rpm[0] > 0
+        by_default = start is None and plan.table.rpm[0] > 0
         steady = by_default or (isinstance(start, str) and start == "steady")
-        if not (names and steady) or self._is_linear:
-            return ()
-        return (
-            "it starts from the steady motion without the lines at fixed frequencies of"
-            f" {', '.join(names)}",
-        )
+        notes = []
+        names = excitation.line_names(self.train.topology)
+        if steady and names and not self._is_linear:
+            notes.append(
+                "it starts from the steady motion without the lines at fixed"
+                f" frequencies of {', '.join(names)}"
+            )
+        if steady and plan.free:
+            notes.append(
+                "it starts from a steady motion, in which loads balance the power; from"
+                " 0 s on they follow their laws"
+            )
+        return tuple(notes)
 
     @property
     def _is_linear(self) -> bool:

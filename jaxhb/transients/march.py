@@ -36,6 +36,8 @@ from jaxhb.transients.weights import StepWeights
 INSIDE = 1e-9
 SHARES = np.clip(np.arange(2 * STEPS + 1) / (2 * STEPS), INSIDE, 1 - INSIDE)
 ENDS = np.array([INSIDE, 0.5, 1 - INSIDE])
+# Harmonics up to which powers are made by products, a line of the program each
+MOST_POWERS = 64
 
 
 @jax.tree_util.register_dataclass
@@ -115,9 +117,9 @@ class Marching:
     contact_damping : of the meshes; variation ``(G, H+1)``: coefficients of their
     stiffness over the cycle, over its mean, less 1, or None; errors : or None; varying
     : the springs, or None; slipping : clutches behind the springs, or None; torques :
-    of the excitation; disturbance : events;
-    revolutions : of the reference rotor in a cycle; keeps_loads : whether loads are
-    part of the result, as disks follow them at once.
+    of the excitation; disturbance : events; revolutions : of the reference rotor in a
+    cycle; keeps_loads : whether loads are part of the result, as disks follow them at
+    once.
     """
 
     weights: StepWeights
@@ -185,6 +187,8 @@ def march(
 
 def _turning(angle: Array, harmonics: int) -> Array:
     """Powers 0 to N ``(n, N+1)`` of exp(i angle), angle ``(n,)`` rad."""
+    if harmonics > MOST_POWERS:
+        return jnp.exp(1j * angle[:, None] * np.arange(harmonics + 1))
     turn = jnp.exp(1j * angle)
     powers = [jnp.ones_like(turn), turn]
     while len(powers) <= harmonics:

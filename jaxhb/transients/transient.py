@@ -160,7 +160,7 @@ def transient(
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
     state = equations.begin(start, plan)
-    notes = (*equations.notes, *equations.notes_on_start(start, plan.table))
+    notes = (*equations.notes, *equations.notes_on_start(start, plan))
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
     instants = _march(marching, state, blocks, recording, progress)
     return _result(train, blocks, recording, instants, readings, notes)
