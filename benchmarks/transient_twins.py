@@ -16,7 +16,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.special import wofz
+
+import jaxhb
 
 from jaxhb import Cylinder, Damper, Disk, Ground, Load, Mesh, Phase, Shaft, Torque
 
@@ -305,6 +308,40 @@ class Twin:
         acceleration = pull[inertial] / self.inertia[inertial]
         return np.concatenate([rates[dynamic], acceleration]), power
 
+    def angle_over_time(self, seconds, speed, rpm=None, corners=()):
+        """Angle of the reference rotor in rad as a function of the time in s."""
+        if speed is not None:
+            return speed.theta
+        borders = np.array(
+            [0.0, *sorted(t for t in set(corners) if 0 < t < seconds), seconds]
+        )
+        state = np.array([rpm * RPM, 0.0])
+        pieces = []
+        for begin, end in zip(borders[:-1], borders[1:], strict=True):
+
+            def slope(t, y, low=begin, high=end):
+                inside = min(max(t, low + 1e-12), high - 1e-12)
+                _, power = self.carried(inside, y[1], y[0], 0.0, True)
+                return [power / self.total, y[0]]
+
+            solved = solve_ivp(
+                slope,
+                (begin, end),
+                state,
+                method="DOP853",
+                rtol=TOLERANCE,
+                atol=1e-13,
+                dense_output=True,
+            )
+            pieces.append(solved.sol)
+            state = solved.y[:, -1]
+
+        def theta(t):
+            piece = np.searchsorted(borders, t, side="right") - 1
+            return float(pieces[min(piece, len(pieces) - 1)](t)[1])
+
+        return theta
+
     def integrate(self, seconds, speed, times, *, corners=(), rpm=None, longest=np.inf):
         """Angles, rates ``(n, S)``, forces ``(n, M)`` of the meshes, speeds rad/s and
         angles rad ``(n,)`` at some ``times`` ``(n,)``, from rest; ``speed`` is
@@ -444,6 +481,77 @@ def worst_difference(twin, moved, transient, instants):
         found = transient.force(*mesh.between).values[instants]
         worst = max(worst, np.abs(found - expected).max() / np.abs(expected).max())
     return float(worst)
+
+
+def disturbed(twin, kind, seconds, speed, rpm=None):
+    """Lets an event of :mod:`random_plants` act on a twin: the times of its corners."""
+    begin = kind.event.begin
+    theta = twin.angle_over_time(seconds, speed, rpm)
+    if begin is None:
+        first = np.deg2rad(kind.event.begin_deg)
+        begin = brentq(lambda t: theta(t) - first, 0.0, seconds, xtol=1e-14)
+    else:
+        first = theta(begin)
+
+    def torque(t, turned):
+        if t < begin:
+            return {}
+        return {kind.event.disk: kind.torque(t - begin, turned - first)}
+
+    twin.torque = torque
+    corners = [begin, *(begin + since for since in kind.seconds)]
+    if not kind.angles:
+        return corners
+    theta = twin.angle_over_time(seconds, speed, rpm, corners)
+    for angle in kind.angles:
+        if theta(seconds) > first + angle > first:
+            after = corners[-1]
+            bend = brentq(
+                lambda t, angle=angle: theta(t) - first - angle,
+                begin,
+                seconds,
+                xtol=1e-14,
+            )
+            corners.append(max(bend, after) if angle == 0 else bend)
+    return corners
+
+
+def difference(
+    parts, seconds, speed, *, rpm=None, kind=None, change=None, corners=(), instants=200
+):
+    """Largest difference of a transient from its twin, see :func:`worst_difference`:
+    from rest, at a speed :class:`Ramps` or a free one from ``rpm`` on, with an event of
+    a kind of :mod:`random_plants`, or a ``change``, a pair of an event and what of the
+    twin does the same.
+    """
+    twin = Twin(parts, "engine")
+    corners = list(corners)
+    events = []
+    if speed is not None:
+        corners += [row[0] for row in speed.rows]
+    if change is not None:
+        event, name, function = change
+        events.append(event)
+        setattr(twin, name, function)
+    if kind is not None:
+        events.append(kind.event)
+        corners += disturbed(twin, kind, seconds, speed, rpm)
+    train = jaxhb.build([*parts, *events], reference="engine", revolutions_per_cycle=2)
+    found = jaxhb.transient(
+        train,
+        seconds=seconds,
+        speed="free" if speed is None else speed.rows,
+        rpm=rpm,
+        events=[event.name for event in events],
+        start="rest",
+    )
+    time = np.asarray(found.time)
+    places = np.unique(np.linspace(0, len(time) - 1, instants).astype(int))
+    # Torques of disks without inertia jump with those of events.
+    away = np.abs(time[places, None] - np.array([np.inf, *corners])).min(axis=1) > 1e-9
+    places = places[away]
+    moved = twin.integrate(seconds, speed, time[places], corners=corners, rpm=rpm)
+    return worst_difference(twin, moved, found, places)
 
 
 def accelerated_mass(t, *, omega, ratio, alpha, amplitude):
