@@ -24,6 +24,7 @@ from .design import (
     identify as identify,
     tolerance as tolerance,
     tune as tune,
+    tune_transient as tune_transient,
     worst_phase as worst_phase,
 )
 from .elements.derived import (

@@ -183,6 +183,20 @@ CALLS = {
     "tune": lambda x: (
         jaxhb.tune(shaft(x), parameters=[STIFFNESS], rpm=[40.0], objective=TORQUE).after
     ),
+    "tune_transient": lambda x: (
+        jaxhb.tune_transient(
+            shaft(x),
+            parameters=[STIFFNESS],
+            objectives=[
+                jaxhb.design.TransientObjective(
+                    name="torque",
+                    value=lambda motion: motion.torque("a", "b").max,
+                    seconds=0.01,
+                    speed=600.0,
+                )
+            ],
+        ).after.objective
+    ),
     "weak_cylinder": (
         lambda x: weak_cylinder(
             ENGINE.replace({"a|b.stiffness": 100.0 * x}), MEASURED

@@ -29,6 +29,7 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation, listed_harmonic, load_power_kW
 from jaxhb.train.mesh_parameters import all_meshes
+from jaxhb.train.varying import at_speed
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +76,9 @@ def problem_at(train: DriveTrain, rpm: Number, excited: int) -> Problem:
     of the excitation.
     """
     xp = namespace(train, rpm)
-    train = jax.tree.map(lambda leaf: xp.asarray(leaf, dtype=float), train)
+    train = at_speed(
+        jax.tree.map(lambda leaf: xp.asarray(leaf, dtype=float), train), rpm
+    )
     system, meshes, rigid = _at_any_speed(train)
     torque, load_torque, _ = excitation(
         train, rpm, min(excited, listed_harmonic(train.topology))
@@ -96,7 +99,9 @@ def problem_at(train: DriveTrain, rpm: Number, excited: int) -> Problem:
 
 @remembered
 def _at_any_speed(train: DriveTrain) -> tuple[System, MeshParameters, Array]:
-    """Linear system, meshes and rigid rotation of a train."""
+    """Linear system, meshes and rigid rotation of a train whose numbers are
+    constants.
+    """
     system = chain.assemble(train)
     return system, all_meshes(train), chain.rigid_shape(train, system.radius)
 

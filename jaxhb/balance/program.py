@@ -61,6 +61,7 @@ from jaxhb.train.changes import within_range
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
+from jaxhb.train.varying import at_speed
 
 # Relative residual, a few times that of a settled march, from which Newton's method
 # takes longer than a march.
@@ -541,7 +542,7 @@ def solve_planned(
         response = _solve_traced(
             train, rpm, begin, plan.active_meshes, plan.goals, plan.shape
         )
-        return dataclasses.replace(response, train=train)
+        return dataclasses.replace(response, train=train, topology=train.topology)
     return solve_once(
         train, rpm, problem_at(train, rpm, plan.shape.excited), plan, begin
     )[0]
@@ -559,6 +560,7 @@ def _solve_traced(
     """Solve in one program: piece by piece, differentiation outside ``jit`` compiles a
     hundred small ones.
     """
+    train = at_speed(train, rpm)
     is_finite = derivative.all_finite((train, rpm))
     # Not ``rpm > 0``: nan is not out of range but not finite, which is another status.
     is_valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
@@ -599,6 +601,7 @@ def respond(
 ) -> Response:
     """Assemble the :class:`Response` of an outcome."""
     fields = outcome.fields
+    constant = at_speed(train, rpm)
     samples = SAMPLES_PER_HARMONIC * (fields.angles.shape[-1] - 1)
     topology = train.topology
     xp = namespace(outcome.fields)
@@ -613,10 +616,10 @@ def respond(
         rpm=xp.asarray(rpm, dtype=float),
         load_torque=problem.load_torque,
         load_power=problem.load_power,
-        ground_reaction=xp.asarray(train.grounds.stiffness)
+        ground_reaction=xp.asarray(constant.grounds.stiffness)
         * fields.angles[ground, 0].real,
         radius=xp.asarray(train.disks.radius),
-        law=jax.tree.map(xp.asarray, law_of(train.meshes)),
+        law=jax.tree.map(xp.asarray, law_of(constant.meshes)),
         status=outcome.status,
         residual=outcome.residual,
         truncation_error=outcome.truncation_error,
@@ -706,7 +709,9 @@ def solve_batches(
     size *= max(len(devices), 1)
     start = first_start(plan, marches=plan.marches)
     shape = plan.shape
-    if size == 1 or len(rpm) == 1 or not plan.active and len(rpm) < size:
+    one_system = not train.topology.depends_on_speed
+    few = len(rpm) == 1 or not plan.active and len(rpm) < size
+    if size == 1 or few or not one_system:
 
         def alone(speed: float) -> Response:
             return solve_once(

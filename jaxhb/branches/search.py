@@ -24,6 +24,7 @@ from jaxhb.steady.closure import Cycles
 from jaxhb.steady.marching import Equations
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
+from jaxhb.train.varying import at_speed
 
 # Neighbouring speeds, over that of the search, from whose motions marches begin
 NEIGHBOURS = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)
@@ -173,7 +174,7 @@ def _starts(train: DriveTrain, rpm: float) -> list[np.ndarray]:
     do not drive, and scattered.
     """
     try:
-        linear_motion = Equations(train).linear_motion([rpm])
+        linear_motion = Equations(at_speed(train, rpm)).linear_motion([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
     flank = linear_motion.flank[0]

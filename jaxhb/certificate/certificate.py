@@ -37,6 +37,7 @@ from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
 from jaxhb.train.mesh_parameters import law_of
+from jaxhb.train.varying import at_speed
 
 # Harmonics in which the linearised equation is solved: twice those of the response,
 # thrice those of the tooth modes, within these; doubled until a bound holds.
@@ -70,7 +71,7 @@ def certify(response: Response) -> Certificate:
     True
     """
     refuse_tracers("certify", response)
-    train = train_of(response)
+    train = at_speed(train_of(response), float(response.rpm))
     topology = train.topology
     gaps = train.topology.law_index
     problem = problem_at(train, float(response.rpm), listed_harmonic(topology))

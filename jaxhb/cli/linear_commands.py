@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import misfire_trains, status
 from jaxhb.cli.operating_modes import compare
+from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
     Campbell,
@@ -42,7 +43,7 @@ from jaxhb.report.text.strength import strength_text
 from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.varying import varying
+from jaxhb.train.varying import at_speed, varying
 
 MOST_OF_CHECK = 500  # disks of which a check has all modes; of more it has the lowest
 LOWEST = 20  # modes of these
@@ -62,7 +63,8 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
     record = check_record(train, responses, remarks)
     constant = _constant(train, None, arguments.links_at)
     if varying(constant.topology):
-        parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
+        place = "rpm=1500" if constant.topology.depends_on_speed else "hz=30"
+        parts.append(f"Links vary: natural frequencies need --links-at, as {place}.")
     else:
         disks = train.topology.n_disks
         modes, kinds, ratios = modes_of(
@@ -300,6 +302,20 @@ def _with_teeth(
     if at is None:
         title = linear_text.in_contact(first)
         return _Teeth(trains, title, remarks_text(remarks), record)
+    held = dict(arguments.links_at).get("rpm")
+    if held is not None:
+        trains = [at_speed(train, held) for train in trains]
+    over_speed = [
+        first.topology.mesh_names[i]
+        for table, _, i, _ in trains[0].topology.rpm_tables
+        if table == "mesh"
+    ]
+    if over_speed:
+        raise SceneError(
+            f"{first.topology.title}: mesh {over_speed[0]!r} depends on the speed, and"
+            " --at takes the teeth at one mean load. Leave out --at, or give"
+            f" --links-at rpm={at:g}."
+        )
     load = at_mean_load(_constant(first, at, arguments.links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
     linear = [

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .measurements import Measured, read_measured
     from .phases import worst_phase
     from .tolerances import Tolerance, read_tolerances
+    from .transients.tuning import TransientObjective, tune_transient
     from .tuning import tune
     from .worst_case import tolerance
 
@@ -23,6 +24,7 @@ load()
 LATER = {"tune": "tuning", "tolerance": "worst_case", "worst_phase": "phases"}
 LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
 LATER |= dict.fromkeys(("identify", "weak_cylinder"), "identification")
+LATER |= dict.fromkeys(("TransientObjective", "tune_transient"), "transients.tuning")
 LATER |= dict.fromkeys(("Measured", "read_measured"), "measurements")
 """Modules of the names whose import takes optax or scipy."""
 
@@ -35,7 +37,8 @@ __all__ = [
     "identify",
     "read_measured",
 ]
-__all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder", "worst_phase"]
+__all__ += ["TransientObjective", "read_tolerances", "tolerance", "tune"]
+__all__ += ["tune_transient", "weak_cylinder", "worst_phase"]
 
 
 def __getattr__(name: str) -> Any:

@@ -53,6 +53,7 @@ from jaxhb.linear import strength
 from jaxhb.train.changes import locate
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
+from jaxhb.train.varying import at_speed
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 1000  # for a quantity at a speed, at most
@@ -119,13 +120,13 @@ def bounds_over_box(
         if fault or not np.isfinite(largest[i]).all():
             why[i] = fault or "the nominal scene was not solved"
             continue
-        at_speed = _Speed(train, float(speed), box, numbers, harmonics)
-        parting = at_speed.parting()
+        of_speed = _Speed(train, float(speed), box, numbers, harmonics)
+        parting = of_speed.parting()
         for j, objective in enumerate(box.objectives):
             if parting or objective.quantity not in READ_AS:
                 why[i, j] = parting or f"no bound of {objective.quantity} is known"
                 continue
-            value, place = at_speed.bound(objective, largest[i, j])
+            value, place = of_speed.bound(objective, largest[i, j])
             if np.isfinite(value):
                 bound[i, j] = value
             else:
@@ -156,6 +157,7 @@ def _numbers(train: DriveTrain, box: Box) -> tuple[tuple[_Number, ...], str]:
     topology = train.topology
     numbers = []
     loaded = []
+    tuned = {topology.link_names[link] for link in topology.order_links}
     if not topology.linear_in_contact:
         with_springs = [topology.link_names[link] for link, *_ in topology.springs]
         meshes = zip(topology.mesh_names, topology.mesh_varies, strict=True)
@@ -169,6 +171,8 @@ def _numbers(train: DriveTrain, box: Box) -> tuple[tuple[_Number, ...], str]:
             element: Element | None = None
             if table in ("shaft", "damper", "mesh") and field in OF_LINKS:
                 element = "link", topology.link_names.index(name[: -len(field) - 1])
+            elif field in OF_DISKS and name[: -len(field) - 1] in tuned:
+                return (), f"{name} is in the stiffness of its link, too"
             elif table in ("disk", "damper") and field in OF_DISKS:
                 rings_from = topology.n_scene_disks if table == "damper" else 0
                 element = ("disk", index + rings_from)
@@ -211,6 +215,7 @@ class _Speed:
         numbers: tuple[_Number, ...],
         harmonics: int | None,
     ):
+        train = at_speed(train, rpm)
         self.train = train
         self.rpm = rpm
         self.box = box

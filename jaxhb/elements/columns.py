@@ -6,7 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import HARMONICS, OVER_RPM, TWISTS
+from jaxhb.elements.declared import (
+    DAMPING_OVER_RPM,
+    HARMONICS,
+    OVER_RPM,
+    STIFFNESS_OVER_RPM,
+    TWISTS,
+)
 
 
 def column(elements: Sequence[Any], name: str, absent: float = 0.0) -> np.ndarray:
@@ -52,6 +58,7 @@ def collected(
 ) -> Any:
     """Collect a table: its ``special`` fields, and the others from its elements, of the
     class ``element``; None for a field that may be absent and that no element has.
+    Numbers that an element gives over the speed are nan.
     """
     columns = dict(special or {})
     headers = {
@@ -66,11 +73,25 @@ def collected(
             columns[field.name] = None
         elif headers[field.name] == HARMONICS:
             columns[field.name] = stacked(values)
-        elif headers[field.name] in (TWISTS, OVER_RPM):
+        elif headers[field.name] in (
+            TWISTS,
+            OVER_RPM,
+            DAMPING_OVER_RPM,
+            STIFFNESS_OVER_RPM,
+        ):
             columns[field.name] = padded(values, (0.0, 0.0))
         elif field.name.startswith("over_"):
             rows = padded(values, (0.0, 1.0, 1.0), 2)
             columns[field.name] = rows if any(values) else rows[:, :0]
         else:
-            columns[field.name] = column(elements, field.name)
+            numbers = column(elements, field.name)
+            # No calculation may take a number that depends on the speed for constant
+            tabled = [_has_table(part, field.name) for part in elements]
+            numbers[np.array(tabled, dtype=bool)] = np.nan
+            columns[field.name] = numbers
     return cls(**columns)
+
+
+def _has_table(element: Any, name: str) -> bool:
+    """Whether an element gives a number over the speed."""
+    return bool(getattr(element, f"{name}_over_rpm", ()))

@@ -106,6 +106,8 @@ HARMONICS = ("order", "Re", "Im")
 PRESSURE = ("angle", "pressure")
 OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
+DAMPING_OVER_RPM = ("rpm", "damping")
+STIFFNESS_OVER_RPM = ("rpm", "stiffness")
 """Columns of rows."""
 
 

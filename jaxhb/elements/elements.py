@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
+    DAMPING_OVER_RPM,
     HARMONICS,
     OVER_AMPLITUDE,
     OVER_HZ,
     OVER_RPM,
+    STIFFNESS_OVER_RPM,
     TWISTS,
     choice,
     cross_size,
@@ -38,7 +40,13 @@ _FORM_FACTOR = (
 
 @dataclass(frozen=True, kw_only=True)
 class Disk:
-    """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear."""
+    """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear.
+
+    ``damping_over_rpm`` = rows of (rpm of the reference rotor, N m s/rad), in the place
+    of ``damping``, linear between the rows and constant outside, as of a propeller.
+    Other elements have such rows of their damping and stiffness as well
+    (:mod:`jaxhb.train.varying`).
+    """
 
     name: str = declared("name")
     inertia: float = not_negative(
@@ -49,6 +57,7 @@ class Disk:
     )
     teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
+    damping_over_rpm: tuple = rows(DAMPING_OVER_RPM)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +65,13 @@ class Link:
     """Ways in which shafts, dampers and meshes may give their viscous damping.
 
     ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the
-    frequency ``damping_hz`` (:func:`jaxhb.viscous_damping`).
+    frequency ``damping_hz`` (:func:`jaxhb.viscous_damping`). ``damping_over_rpm`` and
+    ``stiffness_over_rpm`` = rows of (rpm of the reference rotor, value in the unit of
+    the number) give damping and stiffness over the speed.
     """
+
+    damping_over_rpm: tuple = rows(DAMPING_OVER_RPM)
+    stiffness_over_rpm: tuple = rows(STIFFNESS_OVER_RPM)
 
     magnifier: float | None = positive("", None)
     damping_ratio: float | None = positive("", None)
@@ -214,10 +228,13 @@ class Damper(Spring):
 class Ground:
     """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean
     angle.
+
+    ``stiffness_over_rpm`` as of other elements.
     """
 
     disk: str = declared("disk")
-    stiffness: float = positive("N m/rad")
+    stiffness: float | None = positive("N m/rad", None, "Correct the value.")
+    stiffness_over_rpm: tuple = rows(STIFFNESS_OVER_RPM)
     name: str | None = declared("name", None)
 
 

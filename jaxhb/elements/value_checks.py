@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.declared import OVER_RPM, fields_of
-from jaxhb.elements.elements import LOAD_LAWS, OF_PERIOD, Damper, Load, Mesh, Shaft
+from jaxhb.elements.elements import (
+    LOAD_LAWS,
+    OF_PERIOD,
+    Damper,
+    Disk,
+    Ground,
+    Load,
+    Mesh,
+    Shaft,
+)
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.rules import RULES
@@ -33,6 +42,66 @@ _STRENGTH_KEYS = {
 }
 
 
+def over_rpm_errors(name: str, rows: Any, *, least_is_excluded: bool) -> list[str]:
+    """Check rows (rpm, value) of a damping or stiffness over the speed, ``name``;
+    nothing where they are absent, or no rows of numbers.
+
+    least_is_excluded : whether a value of 0 is refused, too.
+    """
+    quantity = name.removesuffix("_over_rpm")
+    if not is_present(rows) or row_errors(name, ("rpm", quantity), rows):
+        return []
+    if len(rows) < 2:
+        return [
+            f"{name} has 1 row, needs at least 2. Give the constant as {quantity}, or"
+            " another row."
+        ]
+    words = "greater than 0" if least_is_excluded else "at least 0"
+    return [
+        f"{name}, row {i}: {quantity} is {value:g}, must be {words}. Correct the row."
+        for i, (_, value) in enumerate(rows, 1)
+        if value < 0.0 or least_is_excluded and value == 0.0
+    ]
+
+
+def _over_rpm_errors(element: Any) -> list[str]:
+    """Check the rows over the speed of an element."""
+    # A ring may have no spring.
+    excluded = {"damping_over_rpm": False}
+    excluded["stiffness_over_rpm"] = not isinstance(element, Damper)
+    return [
+        text
+        for name, least_is_excluded in excluded.items()
+        for text in over_rpm_errors(
+            name, getattr(element, name, ()), least_is_excluded=least_is_excluded
+        )
+    ]
+
+
+def _twice_errors(element: Any, name: str, *others: str) -> list[str]:
+    """Check that rows over the speed, ``name``, do not stand beside ``others``."""
+    constants = _present_keys(element, *others)
+    if not (is_present(getattr(element, name)) and constants):
+        return []
+    return [f"{name} is given together with {joined(constants)}. Keep one of them."]
+
+
+def disk_errors(disk: Disk) -> list[str]:
+    """Check that a disk has one damping."""
+    return _over_rpm_errors(disk) + _twice_errors(disk, "damping_over_rpm", "damping")
+
+
+def ground_errors(ground: Ground) -> list[str]:
+    """Check that a ground has one stiffness."""
+    if ground.stiffness is None and not is_present(ground.stiffness_over_rpm):
+        return [
+            "the key 'stiffness' is missing. Give greater than 0 N m/rad, or"
+            " stiffness_over_rpm."
+        ]
+    doubled = _twice_errors(ground, "stiffness_over_rpm", "stiffness")
+    return _over_rpm_errors(ground) + doubled
+
+
 def shaft_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has one stiffness and one damping, and that its stages and
     limits have all they need.
@@ -40,6 +109,7 @@ def shaft_errors(shaft: Shaft) -> list[str]:
     return (
         _stiffness_errors(shaft)
         + _damping_errors(shaft)
+        + _over_rpm_errors(shaft)
         + _section_errors(shaft)
         + _spring_errors(shaft)
     )
@@ -81,7 +151,8 @@ def _spring_errors(link: Shaft | Damper) -> list[str]:
                 f"{where}: stiffness is {stiffness:g} N m/rad, must be"
                 f" {least_stiffness}. Correct the row."
             )
-    if link.clearance is not None and link.stiffness == 0:
+    springless = link.stiffness == 0 and not is_present(link.stiffness_over_rpm)
+    if link.clearance is not None and springless:
         texts.append(
             "clearance is given, and stiffness is 0. Give the stiffness once the play"
             " is used up."
@@ -113,7 +184,7 @@ def mesh_errors(mesh: Mesh) -> list[str]:
     """Check the numbers of the law of a mesh, its orders, and that it has one
     damping.
     """
-    texts = _damping_errors(mesh)
+    texts = _damping_errors(mesh) + _over_rpm_errors(mesh)
     law_keys = [
         key for key in ("epsilon", "transition") if getattr(mesh, key) is not None
     ]
@@ -147,7 +218,7 @@ def _shorthand_errors(mesh: Mesh) -> list[str]:
     """Check that a mesh has one stiffness, and one way to its orders."""
     stiffness_keys = [
         key
-        for key in ("stiffness", "stiffness_table", "width")
+        for key in ("stiffness", "stiffness_over_rpm", "stiffness_table", "width")
         if is_present(getattr(mesh, key))
     ]
     order_keys = [
@@ -220,8 +291,11 @@ def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
 
 def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
-    if damper.stiffness != 0 or damper.damping != 0:
-        return _damping_errors(damper) + _spring_errors(damper)
+    over_rpm = _over_rpm_errors(damper)
+    over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
+    if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
+        return _damping_errors(damper) + over_rpm + _spring_errors(damper)
     damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
     if damping_keys:
         needs = (
@@ -260,6 +334,9 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
 def _stiffness_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has a stiffness, or dimensions that give one."""
     sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
+    if is_present(shaft.stiffness_over_rpm):
+        others = ("stiffness", "length", "outer", "inner", "shear_modulus")
+        return _twice_errors(shaft, "stiffness_over_rpm", *others)
     if shaft.stiffness is not None:
         if not sizes:
             return []
@@ -301,8 +378,12 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
     damping_keys = _present_keys(link, "damping", "magnifier", "damping_ratio")
     shares = _present_keys(link, "magnifier", "damping_ratio")
     frequency = _present_keys(link, "damping_hz")
+    tables = ["damping_over_rpm"]
     if shares:
         damping_keys += _present_keys(link, "loss_factor")
+        # They are shares of a constant stiffness.
+        tables.append("stiffness_over_rpm")
+    damping_keys += [name for name in tables if is_present(getattr(link, name))]
     if len(damping_keys) > 1:
         return [
             f"{damping_keys[0]} is given together with {joined(damping_keys[1:])}."
@@ -387,6 +468,8 @@ def load_errors(load: Load) -> list[str]:
 
 
 TOGETHER: dict[str, tuple[Callable[[Any], list[str]], str]] = {
+    "disk": (disk_errors, "damping"),
+    "ground": (ground_errors, "stiffness"),
     "shaft": (shaft_errors, "stiffness"),
     "mesh": (mesh_errors, "law"),
     "damper": (damper_errors, "stiffness"),

@@ -18,14 +18,21 @@ def scale_at(table: Any, rpm: Number) -> Array:
     """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
     and constant outside them.
     """
-    if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
+    return between_points(rpm, table.scale_rpm, table.scale_factor)
+
+
+def between_points(rpm: Number, speeds: Array, values: Array) -> Array:
+    """Values [..., n] at ``rpm`` [...] of n rows ``values`` [n, K] over ``speeds`` [n,
+    K], linear between the points and constant outside them.
+    """
+    if namespace(speeds, values, rpm) is not np:
         import jax
         import jax.numpy as jnp
 
         interpolate = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
-        return interpolate(rpm, table.scale_rpm, table.scale_factor)
-    points = zip(table.scale_rpm, table.scale_factor, strict=True)
-    rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
+        return interpolate(rpm, speeds, values)
+    points = zip(speeds, values, strict=True)
+    rows = [np.interp(rpm, *row) for row in points]
     return np.reshape(rows, (len(rows), *np.shape(rpm))).T
 
 

@@ -35,6 +35,7 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_meshes
 from jaxhb.train.topology import Topology
+from jaxhb.train.varying import at_speed
 
 # Natural frequency over Omega of a rotation against grounds that are no support, but a
 # hold
@@ -185,7 +186,7 @@ def stability(response: Response) -> Stability:
     (True, 0.41, [1.0, 1.0])
     """
     refuse_tracers("stability", response)
-    train = train_of(response)
+    train = at_speed(train_of(response), float(response.rpm))
     system = chain.assemble(train)
     meshes = law_meshes(train)
     topology = train.topology

@@ -26,6 +26,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation, listed_harmonic
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes
 from jaxhb.train.speeds import check_speed
+from jaxhb.train.varying import at_speed
 
 # Steps per period of the highest mesh mode, and at most, where a narrow transition of
 # the law asks for more.
@@ -267,6 +268,7 @@ def equations_of(
 ) -> tuple[System, MeshParameters, float, Array]:
     """System, meshes that have a law, Omega and load of a train at a speed."""
     check_speed(train, rpm)
+    train = at_speed(train, rpm)
     system = chain.assemble(train)
     meshes = law_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)

@@ -25,7 +25,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation, listed_harmonic
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
-from jaxhb.train.varying import varying, without_tables
+from jaxhb.train.varying import at_speed, varying, without_tables
 
 ELASTIC = "elastic"
 RIGID = "rigid"
@@ -220,9 +220,9 @@ def campbell(
     if errors:
         raise SceneError(errors)
     orders = excited_orders(train, rpm=rpm) if orders is None else sorted(set(orders))
-    # Order-tuned absorbers, unless ``links_at`` holds theirs, and stages under changing
-    # mean torques make frequencies depend on the speed.
-    tuned = train.topology.order_links and "rpm" not in dict(links_at)
+    # Order-tuned absorbers and stiffness over the speed, unless ``links_at`` holds
+    # theirs, and stages under changing mean torques make frequencies depend on it.
+    tuned = train.topology.depends_on_speed and "rpm" not in dict(links_at)
     constant = not (tuned or _stages_change(train, rpm))
 
     def modes_at(speed: Number) -> Modes:
@@ -306,11 +306,9 @@ def _at_speed(
     train: DriveTrain, rpm: Number, links_at: Mapping[str, float] | tuple[()]
 ) -> DriveTrain:
     """The train with its stages and varying links held as they are at a speed."""
-    train = linear_train(train, rpm=rpm)
-    if not varying(train.topology):
-        return train
-    constants: dict[str, Number] = {"rpm": rpm} | dict(links_at)
-    return train.with_constant_links(**constants)
+    held = dict(links_at)
+    train = linear_train(at_speed(train, held.pop("rpm", rpm)), rpm=rpm)
+    return train.with_constant_links(**held) if varying(train.topology) else train
 
 
 def _stages_change(train: DriveTrain, rpm: Sequence[float] | Array) -> bool:
@@ -360,10 +358,10 @@ def _torques(train: DriveTrain, rpm: Number, harmonics: int) -> Array:
     transmission errors of the meshes.
     """
     torque = excitation(train, rpm, harmonics)[0]
-    meshes = all_meshes(train)
+    meshes = all_meshes(at_speed(train, rpm))
     if meshes.error is None:
         return torque
-    system = chain.assemble(without_tables(train))
+    system = chain.assemble(without_tables(train), rpm)
     frequency = train.topology.cycle_frequency(rpm)
     load = error_load(system, meshes, frequency, torque / system.radius[:, None])
     return load[:, : harmonics + 1] * system.radius[:, None]

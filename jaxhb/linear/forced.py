@@ -43,6 +43,7 @@ from jaxhb._jax import (
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
+from jaxhb.equations.backlash import Law
 from jaxhb.equations.system import System
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.answers import solved
@@ -52,12 +53,12 @@ from jaxhb.train import chain
 from jaxhb.train.changes import linearised, within_range
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import excitation, listed_harmonic, load_power_kW
-from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.kinematics import displacement_radii
 from jaxhb.train.mesh_parameters import all_meshes, law_of
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import (
+    at_speed,
     factors,
-    order_stiffness,
     scaled,
     varying,
     without_tables,
@@ -88,30 +89,23 @@ UNBALANCED = 1e-9
 # for
 SAMPLES = 4096
 
-AmplitudeEquations = tuple[DriveTrain, System, Number, Array, Array]
-"""Equations of :func:`settled_amplitudes`: the train, its system without tables, rpm,
-omega ``(H,)`` rad/s, and load ``(S, H)`` N.
+AmplitudeEquations = tuple[DriveTrain, System, Array, Array]
+"""Equations of :func:`settled_amplitudes`: the train at a speed, its system without
+tables, omega ``(H,)`` rad/s, and load ``(S, H)`` N.
 """
 
 
-def varied(
-    train: DriveTrain, system: System, rpm: Number, omega: Array, amplitude: Array
-) -> System:
+def varied(train: DriveTrain, system: System, omega: Array, amplitude: Array) -> System:
     """The ``system`` of a train without its tables, with the stiffness of every link at
     every frequency ``omega`` ``(H,)`` rad/s; ``amplitude`` ``(A,)`` rad of the links
     that depend on it.
     """
-    shafts = len(train.topology.shaft_names)
     amplitudes = jnp.broadcast_to(amplitude[:, None], (len(amplitude), len(omega)))
     links, stiffer, damped = factors(train, omega / (2 * np.pi), list(amplitudes))
-    radius = system.radius[np.array(train.topology.damper_disk, dtype=int)]
     stiffness, viscous, loss = (
         jnp.broadcast_to(a[:, None], (len(a), len(omega)))
         for a in (system.stiffness, system.viscous, system.loss)
     )
-    # From N m/rad to N/m on the pitch circle of the rotor.
-    tuned = order_stiffness(train, speed_ratios(train), rpm) / radius**2
-    stiffness = stiffness.at[shafts : shafts + len(radius)].add(tuned[:, None])
     return dataclasses.replace(
         system,
         stiffness=scaled(stiffness, links, stiffer),
@@ -141,8 +135,8 @@ def is_settled(amplitude: Array, resulting: Array) -> jax.Array:
 
 def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array:
     """g ``(A,)``: the amplitudes of the response with links at ``amplitude``."""
-    train, system, rpm, omega, load = equations
-    system = varied(train, system, rpm, omega, amplitude)
+    train, system, omega, load = equations
+    system = varied(train, system, omega, amplitude)
     _, force = dynamic_stiffness.solve_linear(system, omega, load[:, None])
     C = dynamic_stiffness.link_stiffness(system, omega)
     return twist_amplitude(train, system, force[:, 0] / jnp.where(C == 0, 1.0, C))
@@ -374,7 +368,8 @@ def _at_mean_loads(
     alike: dict = {}
     for place, load in enumerate(loads):
         (slopes,) = concrete(load.link_stiffness)
-        alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)
+        own = place if train.topology.depends_on_speed else None
+        alike.setdefault((own, *np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
     responses = [
         _respond_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
@@ -386,7 +381,8 @@ def _at_mean_loads(
     means = jnp.stack([jnp.asarray(load.angle) for load in loads])
     angles = jnp.asarray(response.angles).at[..., 0].set(means)
     ground = np.array(train.topology.ground_disk, dtype=int)
-    reaction = train.grounds.stiffness * angles[:, ground, 0].real
+    stiffness = jnp.stack([load.train.grounds.stiffness for load in loads])
+    reaction = stiffness * angles[:, ground, 0].real
     response = dataclasses.replace(response, angles=angles, ground_reaction=reaction)
     return linearised(loads[0].train), response
 
@@ -412,11 +408,14 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     """The ForcedResponse at speeds ``(n,)``."""
     # The host refuses numbers out of range with a sentence; where they are traced they
     # become a status.
-    valid = within_range(train) & (rpm > 0) & (rpm <= HIGHEST_RPM)
+    inside = jax.vmap(lambda speed: within_range(at_speed(train, speed)))(rpm)
+    valid = inside & (rpm > 0) & (rpm <= HIGHEST_RPM)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
-    system = chain.assemble(without_tables(train))
     topology = train.topology
-    rigid = chain.rigid_shape(train, system.radius)
+    system = None
+    if not topology.depends_on_speed:
+        system = chain.assemble(without_tables(train))
+    rigid = chain.rigid_shape(train, displacement_radii(train))
     together = _together(topology.n_disks, harmonics, len(rpm))
     # The last speed again: a speed of 0 could make nan, which derivatives would spread.
     padded_rpm = jnp.pad(rpm, (0, -len(rpm) % together), mode="edge")
@@ -428,10 +427,12 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     load_torque = fields.pop("load_torque")
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
-    law, radius = jax.tree.map(
-        lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))),
-        (law_of(train.meshes), train.disks.radius),
-    )
+
+    def numbers_at(speed: Array) -> tuple[Law, Array, Array]:
+        own = at_speed(train, speed)
+        return law_of(own.meshes), own.disks.radius, own.grounds.stiffness
+
+    law, radius, ground_stiffness = jax.vmap(numbers_at)(rpm)
     return ForcedResponse(
         **fields,
         radius=radius,
@@ -439,7 +440,7 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
         rpm=rpm,
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
-        ground_reaction=train.grounds.stiffness * fields["angles"][:, ground, 0].real,
+        ground_reaction=ground_stiffness * fields["angles"][:, ground, 0].real,
         status=status,
         truncation_error=jnp.zeros(len(rpm)),
         steps=jnp.zeros(len(rpm), dtype=int),
@@ -455,18 +456,27 @@ def _together(disks: int, harmonics: int, speeds: int) -> int:
 
 
 def _fields(
-    train: DriveTrain, system: System, rigid: Array, harmonics: int, rpm: Number
+    train: DriveTrain,
+    system: System | None,
+    rigid: Array,
+    harmonics: int,
+    rpm: Number,
 ) -> dict[str, Array]:
-    """Fields of the response at a speed, by name."""
+    """Fields of the response at a speed, by name; ``system`` is None where it depends
+    on the speed.
+    """
+    if system is None:
+        train = at_speed(train, rpm)
+        system = chain.assemble(without_tables(train))
     topology = train.topology
     torque, load_torque, _ = excitation(train, rpm, harmonics)
     omega = topology.cycle_frequency(rpm) * jnp.arange(harmonics + 1)
     load = torque / system.radius[:, None]
     amplitude = jnp.zeros(0)
     if topology.amplitude_links:
-        amplitude = settled_amplitudes((train, system, rpm, omega, load))
+        amplitude = settled_amplitudes((train, system, omega, load))
     if varying(topology):
-        system = varied(train, system, rpm, omega, amplitude)
+        system = varied(train, system, omega, amplitude)
     C = dynamic_stiffness.link_stiffness(system, omega)
     shafts = len(topology.link_names) - len(topology.mesh_names)
     exciting = load

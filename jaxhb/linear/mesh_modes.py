@@ -12,6 +12,7 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
+from jaxhb.train.varying import at_speed
 
 STRAINED = 0.05
 """Share of a mode's strain energy in tooth meshes from which the motion has to be
@@ -30,11 +31,12 @@ def mesh_mode_harmonics(train: DriveTrain, frequency: Number) -> np.ndarray:
     """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is
     STRAINED and WEAKLY_STRAINED.
 
-    ``frequency`` is that of the cycle in rad/s. Of a finely divided train, whose modes
-    would take longer than its solve, both are the highest mode of the gears and meshes
-    alone.
+    ``frequency`` is that of the cycle in rad/s, at whose speed the train is taken. Of a
+    finely divided train, whose modes would take longer than its solve, both are the
+    highest mode of the gears and meshes alone.
     """
-    return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
+    constant = at_speed(train, frequency / train.topology.cycle_frequency(1.0))
+    return _mesh_modes_hz(constant) / (frequency / (2 * np.pi))
 
 
 @remembered

@@ -42,6 +42,7 @@ from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
+from jaxhb.train.varying import refuse_varying
 
 LAST = -1  # in place of a link, for the last disk of a way
 # Stored bits of the leading half of a number, the hidden bit not counted: products of
@@ -470,6 +471,7 @@ def characteristic_coefficients(
     ['1', '1/6', '5', '0', '0']
     """
     train = linear_train(train)
+    refuse_varying(train.topology)
     _refuse_coefficients(train, exact)
 
     topology = train.topology

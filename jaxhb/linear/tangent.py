@@ -25,10 +25,10 @@ from jaxhb.equations.system import System
 from jaxhb.train import chain
 from jaxhb.train.changes import in_contact, linearised
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.excitation import excitation, speeds
+from jaxhb.train.excitation import excitation, main_speed
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.speeds import check_speed
-from jaxhb.train.varying import without_tables
+from jaxhb.train.varying import at_speed, without_tables
 
 STEPS = 200  # of Newton's method, at most
 HALVINGS = 40  # of one step, at most
@@ -48,7 +48,6 @@ DENSE_DISKS = 1000  # up to which the equilibrium is found with dense matrices
 # Share of the largest stiffness with which a train of more disks is held; the next
 # steps take back its force
 HELD = 1e-12
-ANY_SPEED = 1000.0  # rpm, where a scene names none
 
 
 @brief
@@ -108,6 +107,7 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """
     values, speed = _concrete(train, rpm)
     check_speed(values, speed)
+    values = at_speed(values, speed)
     title = train.topology.title
     equations = _equations(values, speed)
     if not equations.balanced:
@@ -121,16 +121,19 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
             f"{title} at {speed:g} rpm: no equilibrium of the mean torques was found."
             " Leave out --at."
         )
-    return _mean_load(train, rpm, equations, x, pressed=False)
+    return _mean_load(at_speed(train, rpm), rpm, equations, x, pressed=False)
 
 
 def at_pressed_load(train: DriveTrain, *, rpm: Number | None = None) -> MeanLoad:
     """Linearise as :func:`at_mean_load` with all gaps closed, those of clearances too:
     stages and stops at the mean load of a speed, by default :func:`own_speed`.
 
-    The ``train`` of the result keeps its meshes, and its links that vary. It is at rest
-    where nothing balances the mean torques.
+    The ``train`` of the result is that at ``rpm``, where one is given, and keeps its
+    meshes, and its links that vary. It is at rest where nothing balances the mean
+    torques.
     """
+    if rpm is not None:
+        train = at_speed(train, rpm)
     values, speed = _concrete(train, own_speed(train) if rpm is None else rpm)
     equations = _equations(in_contact(without_tables(values)), speed)
     x = _equilibrium(equations) if equations.balanced else None
@@ -154,7 +157,7 @@ def own_speed(train: DriveTrain) -> float:
     the scene gives a torque.
     """
     (values,) = _concrete(train)
-    return float(train.topology.rated_rpm or max(speeds(values)) or ANY_SPEED)
+    return main_speed(values)
 
 
 def _concrete(*trees: Any) -> Any:
@@ -222,7 +225,7 @@ def _mean_load(
 
 def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
     """The train whose shafts and dampers have the stiffness of a mean load in place of
-    their stages, stops, clearance and friction.
+    their stages, stops, clearance and friction, and of a stiffness over the speed.
     """
     topology = train.topology
     slopes = dict(zip(load.links, load.link_stiffness, strict=True))
@@ -239,9 +242,14 @@ def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
             table, stiffness=xp.stack([xp.asarray(row, dtype=float) for row in rows])
         )
 
+    rpm_tables = tuple(
+        (table, field, i, count)
+        for table, field, i, count in topology.rpm_tables
+        if field != "stiffness" or topology.names_of(table)[i] not in slopes
+    )
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, springs=()),
+        topology=dataclasses.replace(topology, springs=(), rpm_tables=rpm_tables),
         shafts=sloped(train.shafts, topology.shaft_names),
         dampers=sloped(train.dampers, topology.damper_names),
     )

@@ -24,6 +24,7 @@ from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import law_of
+from jaxhb.train.varying import at_speed
 
 UNCONFIRMED = "not confirmed by harmonic balance"
 """Words for a motion that returns in time integration and that no harmonic solution
@@ -255,7 +256,7 @@ class Answer(Motion):
         index = self.topology.mesh_names.index(mesh)
         if not self.topology.mesh_backlash[index]:
             return None
-        law = law_of(self.train.meshes)
+        law = law_of(at_speed(self.train, self.rpm).meshes)
         return jax.tree.map(lambda values: float(np.asarray(values)[index]), law)
 
 

@@ -82,7 +82,7 @@ class _Map:
         self.plan = plan
         self.problem = problem_at(train.train, rpm, train.plan.excited)
         self.swept, self.condensed = swept.ready(
-            self.problem, train.plan.active_meshes, train.modes, plan
+            self.problem, train.plan.active_meshes, train.modes_at(rpm), plan
         )
         self.goal = SETTLED * train.plan.tolerance
 

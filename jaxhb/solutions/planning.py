@@ -29,6 +29,7 @@ from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
 from jaxhb.train.mesh_parameters import all_meshes, law_of
+from jaxhb.train.varying import at_speed
 
 LEVELS = (
     16,
@@ -189,6 +190,12 @@ def plan_speeds(train: DriveTrain, rpm: np.ndarray, request: Request) -> list[Pl
     excited = excited_harmonic(train, request.method)
     if not train.topology.has_law.any():
         return [contact] * len(rpm)
+    if train.topology.depends_on_speed:
+        return [
+            plan
+            for speed in rpm
+            for plan in plan_speeds(at_speed(train, speed), speed[None], request)
+        ]
     forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
     sampled = fourier.synthesize(
         forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1]

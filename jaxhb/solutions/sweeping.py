@@ -24,6 +24,7 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import listed_harmonic
 from jaxhb.train.mesh_parameters import law_meshes
+from jaxhb.train.varying import at_speed
 
 # Speed at which the modes for all speeds are made: only the slowest depend on it, by a
 # soft hold, and no bit of them on the speed that is solved
@@ -61,7 +62,8 @@ class SweptTrain:
     """A train ready to be solved by sweeps at any speed.
 
     plan : with every mesh that has a law as an unknown; excited : the highest harmonic
-    that torques have; modes : those that the meshes notice.
+    that torques have; modes : those that the meshes notice, at a speed
+    (:meth:`modes_at`).
     """
 
     train: DriveTrain
@@ -75,11 +77,18 @@ class SweptTrain:
         that leave no equation in time.
         """
         plan = planning.all_active(train, plan, request)
+        constant = at_speed(train, MODES_RPM)
         try:
-            modes = _modes_of((train, plan.active_meshes))
+            modes = _modes_of((constant, plan.active_meshes))
         except ValueError:
             return None
         return cls(train, plan, excited_harmonic(train, request.method), modes)
+
+    def modes_at(self, rpm: float) -> MarchModes:
+        """The modes that the meshes notice at a speed."""
+        if not self.train.topology.depends_on_speed:
+            return self.modes
+        return _modes_of((at_speed(self.train, rpm), self.plan.active_meshes))
 
     def solve(
         self,
@@ -121,7 +130,7 @@ class SweptTrain:
             solution = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
-                self.modes,
+                self.modes_at(rpm),
                 self.plan.tolerance,
                 plan,
                 deviation=deviation,
@@ -158,7 +167,7 @@ class SweptTrain:
         by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
         least = max(
             steps,
-            steps_for(self.modes, frequency),
+            steps_for(self.modes_at(rpm), frequency),
             4 * planning.ABOVE_EXCITATION * self.excited,
         )
         enough = [count for count in STEPS if count >= least] or STEPS[-1:]
@@ -171,8 +180,9 @@ class SweptTrain:
 
     def _linear_start(self, rpm: float) -> np.ndarray:
         """Motion (x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
-        system = chain.assemble(self.train)
-        meshes = law_meshes(self.train)
-        highest = listed_harmonic(self.train.topology)
-        motions = linear_motions(self.train, [rpm], system, meshes, highest)
+        train = at_speed(self.train, rpm)
+        system = chain.assemble(train)
+        meshes = law_meshes(train)
+        highest = listed_harmonic(train.topology)
+        motions = linear_motions(train, [rpm], system, meshes, highest)
         return linear_start(motions)[0]

@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, cast
 
 import jax
@@ -42,8 +42,9 @@ from jaxhb.steady.marching import (
     part_sizes,
     record_of,
 )
-from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import displacement_radii
+from jaxhb.train.varying import at_speed
 
 # Difference of the motions of neighbouring speeds from which one speed may have another
 # motion when it starts from the other; and difference of largest deflections up to
@@ -78,7 +79,7 @@ class Classifier:
 
     apart : indices of speeds where the linear motion separates teeth; by the index of
     their speed, states : those at hand, and repelling : motions that marches passed by;
-    swept_trains : of :meth:`swept`, by period.
+    swept_trains : of :meth:`swept`, by period; equations : of :meth:`equations_at`.
 
     Sweeps that settle are a march that did, and the motion at which they end is exact;
     the other speeds are marched. A march begins with few steps. A motion that harmonic
@@ -97,6 +98,7 @@ class Classifier:
     states: dict[int, SteadyState] = field(default_factory=dict)
     repelling: dict[int, list[SolvedMotion]] = field(default_factory=dict)
     swept_trains: dict[int, sweeping.SweptTrain | None] = field(default_factory=dict)
+    equations: dict[float | None, Equations | str] = field(default_factory=dict)
 
     @property
     def recorded(self) -> int:
@@ -113,7 +115,9 @@ class Classifier:
         at_hand = {
             index: self.states[index] for index in indices if index in self.states
         }
-        return dataclasses.replace(self, states=at_hand, repelling={}, swept_trains={})
+        return dataclasses.replace(
+            self, states=at_hand, repelling={}, swept_trains={}, equations={}
+        )
 
     def states_from(
         self,
@@ -125,21 +129,13 @@ class Classifier:
         (x, x')}`` or from teeth in contact; ``progress`` is called with the number of
         speeds that are done.
         """
-        equations = self.equations
-        if isinstance(equations, str):
-            states = {
-                index: unknown(self.train, self.speeds[index], equations)
-                for index in indices
-            }
-        else:  # counted before anything is marched
-            too_long = {
-                index: equations.too_long(self.speeds[index]) for index in indices
-            }
-            states = {
-                index: self._unmarched(index, reason)
-                for index, reason in too_long.items()
-                if reason
-            }
+        states = {}
+        for index in indices:  # counted before anything is marched
+            equations = self.equations_at(index)
+            if isinstance(equations, str):
+                states[index] = unknown(self.train, self.speeds[index], equations)
+            elif reason := equations.too_long(self.speeds[index]):
+                states[index] = self._unmarched(index, reason)
         progress(len(states))
         unswept = [index for index in indices if index not in states]
         states |= self._swept(unswept, motions, progress)
@@ -286,7 +282,7 @@ class Classifier:
         """Steady states of speeds that share steps; with the finest steps every motion
         is classified.
         """
-        equations = self.equations
+        equations = self.equations_at(indices[0])  # of all of them
         assert isinstance(equations, Equations), "a train that can be marched"
         states: dict[int, SteadyState] = {}
         spent = dict.fromkeys(indices, 0)
@@ -336,25 +332,33 @@ class Classifier:
             ]
         return states
 
-    @cached_property
-    def equations(self) -> Equations | str:
-        """The Equations of the train, or the sentence that refuses it."""
-        try:
-            return Equations(self.train)
-        except ValueError as refusal:
-            return str(refusal)
+    def equations_at(self, index: int) -> Equations | str:
+        """The Equations of the train at a speed, or the sentence that refuses it; those
+        of all speeds are the same where nothing depends on them.
+        """
+        constant = not self.train.topology.depends_on_speed
+        speed = None if constant else float(self.speeds[index])
+        if speed not in self.equations:
+            train = self.train if speed is None else at_speed(self.train, speed)
+            try:
+                self.equations[speed] = Equations(train)
+            except ValueError as refusal:
+                self.equations[speed] = str(refusal)
+        return self.equations[speed]
 
     def _groups(self, indices: Sequence[int]) -> list[list[int]]:
         """Group indices of speeds that are marched in one program: on processors each
         by itself, so that its numbers are the same bits whatever speeds there are
-        beside it, else those that take the same steps.
+        beside it, else those that take the same steps, of a train with the same numbers
+        at all speeds.
         """
-        if len(self.devices) < 2 and jax.default_backend() == "cpu":
+        on_processors = len(self.devices) < 2 and jax.default_backend() == "cpu"
+        if on_processors or self.train.topology.depends_on_speed:
             return [[index] for index in indices]
-        equations = self.equations
-        assert isinstance(equations, Equations), "a train that can be marched"
         groups: dict[int, list[int]] = {}
         for index in indices:
+            equations = self.equations_at(index)
+            assert isinstance(equations, Equations), "a train that can be marched"
             groups.setdefault(equations.steps(self.speeds[index]), []).append(index)
         return list(groups.values())
 
@@ -711,7 +715,7 @@ def motion_of(train: DriveTrain, start: SteadyState | Response) -> np.ndarray:
             raise ValueError(
                 "start is a sweep: give the response at one speed, sweep[i]"
             )
-        radius = np.asarray(chain.assemble(train).radius)[:, None]
+        radius = np.asarray(displacement_radii(train))[:, None]
         angles = np.asarray(start.angles) * radius
         omega = start.topology.cycle_frequency(float(start.rpm))
         motion = fourier.sample(

@@ -417,6 +417,13 @@ def _topology(
             for i, link in enumerate(links)
             if getattr(link, "order", None) is not None
         ),
+        rpm_tables=tuple(
+            (table, field, i, count)
+            for table, members in elements.items()
+            for field in ("damping", "stiffness")
+            for i, element in enumerate(members)
+            if (count := len(getattr(element, f"{field}_over_rpm", "")))
+        ),
         springs=tuple(
             spring for i, link in enumerate(links) for spring in _springs(i, link)
         ),

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import Array, added, namespace
+from jaxhb._jax import Array, Number, added, namespace
 from jaxhb.equations.block_sweep import slots
 from jaxhb.equations.system import Condensation, System, Tree
 from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.kinematics import displacement_radii, speed_ratios
-from jaxhb.train.varying import refuse_varying
+from jaxhb.train.varying import at_speed, refuse_varying
 
 if TYPE_CHECKING:
     from jaxhb.train.tables import TrainArrays
@@ -196,10 +196,16 @@ def span_links(ends: Sequence[Sequence[int]], disks: int, root: int) -> Tree:
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
 
-def assemble(train: TrainArrays) -> System:
+def assemble(train: TrainArrays, rpm: Number | None = None) -> System:
     """The :class:`System` of a drive train without links that vary; every number stays
     differentiable.
+
+    ``rpm`` : speed of the reference rotor, a number that may be traced, which a train
+    needs whose damping or stiffness depends on it: :class:`SceneError` without. Where
+    nothing does it changes nothing.
     """
+    if rpm is not None:
+        train = at_speed(train, rpm)
     refuse_varying(train.topology)
     xp = namespace(train)
     topology = train.topology

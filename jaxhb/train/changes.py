@@ -19,7 +19,8 @@ from jaxhb.elements.event_tables import row_of, without_effect
 from jaxhb.elements.events import rows_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
-from jaxhb.elements.values import number_like, value_errors
+from jaxhb.elements.value_checks import over_rpm_errors
+from jaxhb.elements.values import number_like, row_errors, value_errors
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
 from jaxhb.train.kinematics import rotor_ratios
@@ -207,11 +208,30 @@ def _locate(train: TrainArrays, key: str) -> tuple[str, str, int]:
         raise SceneError(
             f"{where}: there is no field {shown(inner)}.{suggestion(inner, fields)}"
         )
+    if _rows_over_rpm(train.topology, table, f"{field}_over_rpm", index):
+        raise SceneError(
+            f"{where}: its {field} depends on the speed. Take {field}_over_rpm, or the"
+            " train at one speed, train.with_constant_links(rpm=...)."
+        )
     if _vector(train, table, field) is None:
         raise SceneError(
             f"{where}: nothing in the scene has {inner}. Build the scene with it."
         )
     return table, field, index
+
+
+_OVER_RPM = ("damping_over_rpm", "stiffness_over_rpm")
+
+
+def _rows_over_rpm(topology: Topology, table: str, field: str, index: int) -> int:
+    """Number of rows of a ``field`` over the speed of an element, 0 where it has
+    none.
+    """
+    counts = {
+        (kind, f"{quantity}_over_rpm", i): count
+        for kind, quantity, i, count in topology.rpm_tables
+    }
+    return counts.get((table, field, index), 0)
 
 
 def _vector(train: TrainArrays, table: str, field: str) -> Any:
@@ -237,6 +257,8 @@ def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, table, field, index)
     row = _vector(train, table, field)[place]
+    if field in _OVER_RPM:
+        return row[: _rows_over_rpm(train.topology, table, field, index)]
     if field in ("stages", "stops"):
         link = derived.link_number(train.topology, table, index)
         count = sum((link, field) == spring[:2] for spring in train.topology.springs)
@@ -432,6 +454,12 @@ def _value_errors(
     if table == "event" and shape and declared is not None:
         texts = rows_errors(declared.name, number.tolist())
         return [f"{where}: {text}" for text in texts]
+    if declared is not None and field in _OVER_RPM:
+        excluded = field == "stiffness_over_rpm" and table != "damper"
+        rows = number.tolist()
+        texts = row_errors(field, declared.metadata["columns"], rows)
+        texts += over_rpm_errors(field, rows, least_is_excluded=excluded)
+        return [f"{where}: {text}" for text in texts]
     if declared is None or shape or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
@@ -455,6 +483,8 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
         if law and (field == "over_rpm") == (law == "over_rpm"):
             return ""
         return f"it has no effect on this load. Build the scene with {field}."
+    if field in _OVER_RPM and not _rows_over_rpm(topology, table, field, index):
+        return f"the {table} was built without {field}. Build the scene with it."
     if table not in derived.LINKS:
         return ""
     if (

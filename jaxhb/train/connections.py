@@ -285,6 +285,7 @@ def train_errors(train: TrainArrays) -> list[str]:
     stiff |= np.isin(
         len(topology.shaft_names) + np.arange(len(stiff)), topology.order_links
     )
+    stiff |= _springs_over_rpm(train)
     errors = []
     if not traced(dampers.damping):
         errors += [
@@ -308,6 +309,18 @@ def train_errors(train: TrainArrays) -> list[str]:
         loaded=[*topology.load_disk, *_loaded(train)],
         main=topology.rotor.index(topology.reference_rotor),
     )
+
+
+def _springs_over_rpm(train: TrainArrays) -> np.ndarray:
+    """Whether each damper has a stiffness over the speed that is above 0 somewhere,
+    ``[n_dampers]``.
+    """
+    sprung = np.zeros(len(train.topology.damper_names), dtype=bool)
+    for table, field, i, count in train.topology.rpm_tables:
+        if (table, field) == ("damper", "stiffness"):
+            rows = train.dampers.stiffness_over_rpm[i, :count]
+            sprung[i] = traced(rows) or np.any(np.asarray(rows)[:, 1] > 0.0)
+    return sprung
 
 
 @np.errstate(over="ignore", invalid="ignore")

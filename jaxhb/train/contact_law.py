@@ -19,7 +19,7 @@ import numpy as np
 from jaxhb._jax import Array
 from jaxhb.train import excitation
 from jaxhb.train.kinematics import speed_ratios
-from jaxhb.train.varying import without_tables
+from jaxhb.train.varying import tables_at, without_tables
 
 if TYPE_CHECKING:
     from jaxhb.elements.elements import Mesh
@@ -59,11 +59,7 @@ def with_contact_law(train: Train, meshes: Sequence[Mesh]) -> Train:
     if not any(rows.any() for rows in undecided.values()):
         return train
     table: Any = train.meshes
-    # Force at the flank of a gap that is filled with the full stiffness.
-    full_force = table.stiffness * table.backlash / 2
-    share = _least_mean_forces(train) / np.where(
-        gaps & (full_force > 0), full_force, 1.0
-    )
+    share = _least_mean_shares(train, gaps)
     gap_spring = np.clip(GAP_SPRING_SHARE * share, EPSILON[0], EPSILON[1])
     epsilon = np.where(undecided["epsilon"], gap_spring, table.epsilon)
     width = np.clip(KNEE_SHARE * share - epsilon, TRANSITION[0], TRANSITION[1])
@@ -74,18 +70,32 @@ def with_contact_law(train: Train, meshes: Sequence[Mesh]) -> Train:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def _least_mean_forces(train: TrainArrays) -> np.ndarray:
-    """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the
-    scene gives torques, all teeth in contact.
+def _least_mean_shares(train: TrainArrays, gaps: np.ndarray) -> np.ndarray:
+    """Smallest mean tooth force of every mesh over the speeds at which the scene gives
+    torques, all teeth in contact, over its force at the flank of a gap that is filled
+    with the full stiffness, ``(M,)``; ``gaps`` ``(M,)``: whether a mesh has one.
     """
-    # Here: it imports jax, which a train without a mesh to decide on does without.
-    from jaxhb.train import chain
-
     speeds = excitation.speeds(train)
     # A torque that follows a power of the speed has a point at its rated speed alone.
     for kind, numbers, _ in train.excited():
         speeds = np.append(speeds, IDLE * kind.rated_speeds(numbers))
     speeds = speeds[speeds > 0] if np.any(speeds > 0) else np.array([ANY_SPEED])
+    parts = np.split(speeds, len(speeds)) if train.topology.rpm_tables else [speeds]
+    shares = []
+    for part in parts:
+        constant = tables_at(train, part[0])
+        meshes = constant.meshes
+        full_force = meshes.stiffness * meshes.backlash / 2
+        divisor = np.where(gaps & (full_force > 0), full_force, 1.0)
+        shares.append(_least_mean_forces(constant, part) / divisor)
+    return np.min(shares, axis=0)
+
+
+def _least_mean_forces(train: TrainArrays, speeds: np.ndarray) -> np.ndarray:
+    """Smallest mean tooth force ``(M,)`` N of every mesh over speeds."""
+    # Here: it imports jax, which a train without a mesh to decide on does without.
+    from jaxhb.train import chain
+
     system = chain.assemble(without_tables(train))
     load = _mean_torques(train, speeds).T / system.radius[:, None]
     shared = len(system.tree.loops) > 0 or len(train.topology.ground_disk) > 1

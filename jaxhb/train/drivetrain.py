@@ -18,7 +18,6 @@ from jaxhb._shown import html_table
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
-from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.tables import TrainArrays
 
 
@@ -129,18 +128,20 @@ class DriveTrain(TrainArrays):
         amplitude: Number | None = None,
         rpm: Number | None = None,
     ) -> DriveTrain:
-        """Return the train with its varying links as they are at one frequency,
-        amplitude and speed.
+        """Return the train with its varying links, and all numbers that depend on the
+        speed, as they are at one frequency, amplitude and speed.
 
-        Needed for everything but the linear forced response, such as natural
-        frequencies and motions with backlash. Stiffness ``(k + J (order Omega)^2) s``,
+        Needed for links that vary with the vibration in everything but the linear
+        forced response, and for numbers that depend on the speed where no speed is
+        asked for, as of natural frequencies. Stiffness ``(k + J (order Omega)^2) s``,
         damping ``r d``, loss factor ``eta d``, with the factors s and d of the tables;
         nothing varies any more.
 
         ``hz`` (Hz) is for links with ``over_hz``, ``amplitude`` (rad, of the vibratory
         twist) for those with ``over_amplitude``, ``rpm`` of the reference rotor for
-        dampers with ``order``. :class:`SceneError` names the links that need one that
-        is not given; none may be below 0.
+        dampers with ``order`` and for ``damping_over_rpm`` and ``stiffness_over_rpm``
+        of any element. :class:`SceneError` names the elements that need one that is not
+        given; none may be below 0.
 
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
         >>> coupling = jaxhb.Shaft(
@@ -157,9 +158,7 @@ class DriveTrain(TrainArrays):
         >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
         (12500.0, 0.15)
         """
-        return varying.with_constant_links(
-            self, speed_ratios(self), hz=hz, amplitude=amplitude, rpm=rpm
-        )
+        return varying.with_constant_links(self, hz=hz, amplitude=amplitude, rpm=rpm)
 
     def repeated(self, cycles: int) -> DriveTrain:
         """Return the same train with a cycle ``cycles`` times as long, for motions with

@@ -69,6 +69,16 @@ def speeds(train: TrainArrays) -> np.ndarray:
     return distinct[distinct < FAR] if len(distinct) else np.zeros(1)
 
 
+ANY_SPEED = 1000.0  # rpm, where a scene names none
+
+
+def main_speed(train: TrainArrays) -> float:
+    """Speed (rpm) of a scene: the rated one, else the highest at which it gives a
+    torque.
+    """
+    return float(train.topology.rated_rpm or max(speeds(train)) or ANY_SPEED)
+
+
 def excitation(
     train: TrainArrays, rpm: Number, harmonics: int
 ) -> tuple[Array, Array, Array]:

@@ -204,6 +204,11 @@ def _topology(
         name: tuple(number[link] for link in varying_links if link in number)
         for name, varying_links in varying.items()
     }
+    fields["rpm_tables"] = tuple(
+        (table, field, keep[table].index(index), rows)
+        for table, field, index, rows in topology.rpm_tables
+        if index in keep[table]
+    )
     elastic = [
         *fields["shaft_ends"],
         *(

@@ -38,15 +38,25 @@ LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 """The same numbers in the law (18) of Fridman 2009, ``law = "fridman2009"``."""
 
 # Fields of links that hold rows
-ROWS = ("over_hz", "over_amplitude", "stages", "stops", *OF_PERIOD, *OF_GEARS)
+ROWS = (
+    "over_hz",
+    "over_amplitude",
+    "damping_over_rpm",
+    "stiffness_over_rpm",
+    "stages",
+    "stops",
+    *OF_PERIOD,
+    *OF_GEARS,
+)
 
 
 def vectors_of(element: type) -> Callable[[type], type]:
     """Give a class one vector for each number of an element, and for its rows over
     frequency, amplitude or orders.
 
-    0 stands for a number that is absent. Numbers that not all links have, and most
-    rows, are None where no link has them.
+    0 stands for a number that is absent, nan for one that rows over the speed give, as
+    ``damping_over_rpm`` [n, K, 2] (rpm, value), padded by its last row. Numbers that
+    not all links have, and most rows, are None where no link has them.
     """
 
     def declare(cls: type) -> type:

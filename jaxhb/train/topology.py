@@ -35,14 +35,16 @@ class Topology:
     :class:`Seats` of each kind of excitation. ``rotor_path`` holds for each rotor the
     pairs (driving disk, driven disk) that lead to it from the reference rotor.
     ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary over
-    the frequency, over their amplitude and with the speed. ``springs`` are what acts
-    beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or
-    "friction", row). ``load_law`` names the law of each load over the speed, "over_rpm"
-    with ``load_points`` rows, "" without one. ``events`` are those of transients.
-    ``shaft_rules`` name the limits of each shaft. ``phase_members`` are the elements of
-    each kind of excitation that each phase turns, ``phase_turn`` the harmonics of the
-    cycle per order of their rotor. ``link_keys`` names for each
-    link which of the keys that may be absent it has; empty where no link has any.
+    the frequency, over their amplitude and with the speed; ``rpm_tables`` the numbers
+    that rows over the speed give: (table, field, index, number of rows). ``springs``
+    are what acts beside the stiffness of shafts and dampers: (link, "clearance",
+    "stages", "stops" or "friction", row). ``load_law`` names the law of each load over
+    the speed, "over_rpm" with ``load_points`` rows, "" without one. ``events`` are
+    those of transients. ``shaft_rules`` name the limits of each shaft.
+    ``phase_members`` are the elements of each kind of excitation that each phase turns,
+    ``phase_turn`` the harmonics of the cycle per order of their rotor. ``link_keys``
+    names for each link which of the keys that may be absent it has; empty where no link
+    has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
 
@@ -87,6 +89,7 @@ class Topology:
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
     order_links: tuple[int, ...] = ()
+    rpm_tables: tuple[tuple[str, str, int, int], ...] = ()
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
@@ -140,6 +143,11 @@ class Topology:
     @cached_property
     def _seats(self) -> dict[str, Seats]:
         return dict(zip(EXCITATIONS, self.excitations, strict=True))
+
+    @property
+    def depends_on_speed(self) -> bool:
+        """Whether any stiffness or damping does."""
+        return bool(self.rpm_tables or self.order_links)
 
     @property
     def torque_names(self) -> tuple[str, ...]:

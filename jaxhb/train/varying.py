@@ -1,13 +1,18 @@
 """Links whose stiffness and damping vary: over the frequency, over their own amplitude,
-with the square of the speed.
+and numbers of any element that depend on the speed.
 
 At the vibration frequency f and the amplitude A of its twist a link of stiffness k,
 damping r and loss factor eta has the complex stiffness ``k s (1 + i eta d) + i omega r
 d``, where s and d are the products of the factors that its tables give at f and at A,
 linear between their rows and constant outside. The mean torque meets the stiffness at 0
-Hz. An order-tuned absorber adds ``J n^2 Omega^2`` to the stiffness of its link, Omega
-the speed of its rotor (den Hartog, Mechanical Vibrations, sec. 5.9, for small angles of
-a pendulum): the order n of its rotor then meets a node.
+Hz.
+
+At a speed of the reference rotor, ``damping_over_rpm`` and ``stiffness_over_rpm`` give
+r and k, linear between their rows and constant outside, and an order-tuned absorber
+adds ``J n^2 Omega^2`` to the stiffness of its link, Omega the speed of its rotor (den
+Hartog, Mechanical Vibrations, sec. 5.9, for small angles of a pendulum): the order n of
+its rotor then meets a node. All that computes at a speed takes the train
+:func:`at_speed`, which is the train itself where nothing depends on the speed.
 """
 
 from __future__ import annotations
@@ -15,12 +20,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, traced
 from jaxhb.elements.sentences import SceneError
+from jaxhb.excitation.mean_torques import between_points
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.tables import with_table
 
 if TYPE_CHECKING:
     from jaxhb.train.tables import Dampers, Shafts, Train, TrainArrays
@@ -35,63 +44,136 @@ NEEDS = {
 
 
 def varying(topology: Topology) -> bool:
-    """Tell whether any link varies."""
-    return any(getattr(topology, field) for field in NEEDS)
+    """Tell whether any link varies, or any number depends on the speed."""
+    return topology.depends_on_speed or any(getattr(topology, field) for field in NEEDS)
 
 
 def refuse_varying(topology: Topology) -> None:
-    """Refuse links that vary, naming each, where constants are needed."""
+    """Refuse what varies, naming each, where constants are needed."""
     if varying(topology):
-        verbs = dict.fromkeys(NEEDS, " takes") | {
-            "order_links": " and the Campbell diagram take"
-        }
-        reasons = {
-            field: f"which only the forced response{verb}. Make it constant"
-            for field, verb in verbs.items()
-        }
+        by_vibration = "which only the forced response takes. Make it constant"
+        reasons = dict.fromkeys(NEEDS, by_vibration)
+        reasons["order_links"] = NO_SPEED
         raise SceneError(
             [
                 sentence
                 for field in NEEDS
                 for sentence in _sentences(topology, [field], reasons[field])
             ]
+            + _table_sentences(topology, NO_SPEED)
         )
+
+
+NO_SPEED = "which needs a speed, and there is none here. Make it constant"
 
 
 def _sentences(topology: Topology, fields: Iterable[str], why: str) -> list[str]:
     """A sentence for each link that varies by one of ``fields``."""
     return [
-        f"{topology.title}: {topology.link_names[i]!r} has {NEEDS[field][0]}, {why}:"
-        f" train.with_constant_links({NEEDS[field][1]}=...), on the command line"
-        f" --links-at {NEEDS[field][1]}=VALUE."
+        _sentence(topology, topology.link_names[i], *NEEDS[field], why)
         for field in fields
         for i in getattr(topology, field)
     ]
 
 
+def _table_sentences(topology: Topology, why: str) -> list[str]:
+    """A sentence for each number that rows over the speed give."""
+    return [
+        _sentence(
+            topology, topology.names_of(table)[i], f"{field}_over_rpm", "rpm", why
+        )
+        for table, field, i, _ in topology.rpm_tables
+    ]
+
+
+def _sentence(topology: Topology, name: str, key: str, number: str, why: str) -> str:
+    """A sentence on an element that varies by its ``key``, over a number."""
+    return (
+        f"{topology.title}: {name!r} has {key}, {why}:"
+        f" train.with_constant_links({number}=...), on the command line"
+        f" --links-at {number}=VALUE."
+    )
+
+
+def at_speed(train: Train, rpm: Number) -> Train:
+    """The train as it is at one speed of the reference rotor, which may be traced: with
+    what rows over the speed give, and the stiffness of order-tuned dampers. The train
+    itself where nothing depends on the speed.
+    """
+    if not train.topology.depends_on_speed:
+        return train
+    train = tables_at(train, rpm)
+    if not train.topology.order_links:
+        return train
+    dampers: Any = train.dampers
+    stiffness = dampers.stiffness + order_stiffness(train, speed_ratios(train), rpm)
+    return dataclasses.replace(
+        train,
+        topology=_without(train.topology, "order_links"),
+        dampers=dataclasses.replace(
+            dampers, stiffness=stiffness, order=0.0 * dampers.order
+        ),
+    )
+
+
+def tables_at(train: Train, rpm: Number) -> Train:
+    """The train with what rows over the speed give at one speed as constants; the train
+    itself where it has none.
+    """
+    topology = train.topology
+    if not topology.rpm_tables:
+        return train
+    alike: dict[tuple[str, str, int], list[int]] = {}
+    for table, field, i, count in topology.rpm_tables:
+        alike.setdefault((table, field, count), []).append(i)
+    changed = train
+    for (table, field, count), members in alike.items():
+        index = np.array(members, dtype=int)
+        rows = getattr(train.table(table), f"{field}_over_rpm")[index, :count]
+        values = between_points(rpm, rows[..., 0], rows[..., 1])
+        numbers = changed.table(table)
+        vector = _put(getattr(numbers, field), index, values)
+        constants: dict[str, Any] = {field: vector, f"{field}_over_rpm": None}
+        changed = with_table(changed, table, dataclasses.replace(numbers, **constants))
+    return dataclasses.replace(changed, topology=_without(topology, "rpm_tables"))
+
+
+@lru_cache(maxsize=256)
+def _without(topology: Topology, *fields: str) -> Topology:
+    """The topology with nothing in some of its fields."""
+    emptied: dict[str, Any] = dict.fromkeys(fields, ())
+    return dataclasses.replace(topology, **emptied)
+
+
+def _put(values: Array, index: np.ndarray, new: Array) -> Array:
+    """``values`` [n] with those at ``index`` replaced."""
+    xp = namespace(values, new)
+    if xp is np:
+        replaced = np.array(values, dtype=np.float64)
+        replaced[index] = new
+        return replaced
+    return xp.asarray(values).at[index].set(new)
+
+
 def with_constant_links(
     train: Train,
-    ratios: Array,
     *,
     hz: Number | None,
     amplitude: Number | None,
     rpm: Number | None,
 ) -> Train:
-    """Evaluate the links that vary; see :meth:`DriveTrain.with_constant_links`.
-
-    ``ratios`` : ``[n_rotors]`` speed of each rotor over that of the reference rotor.
-    """
+    """Evaluate what varies; see :meth:`DriveTrain.with_constant_links`."""
     topology = train.topology
     numbers: dict[str, Number | None] = {
         "hz_links": hz,
         "amplitude_links": amplitude,
         "order_links": rpm,
     }
+    why = "which is constant at one number. Give it"
     errors = _sentences(
-        topology,
-        [field for field in NEEDS if numbers[field] is None],
-        "which is constant at one number. Give it",
+        topology, [field for field in NEEDS if numbers[field] is None], why
     )
+    errors += _table_sentences(topology, why) if rpm is None else []
     for (_, name), value in zip(NEEDS.values(), numbers.values(), strict=True):
         if (
             value is not None
@@ -104,15 +186,15 @@ def with_constant_links(
             )
     if errors:
         raise SceneError(errors)
+    if rpm is not None:
+        train = at_speed(train, rpm)
     fixed = without_tables(train)
     n_shafts = len(topology.shaft_names)
     links, stiffness_factors, damping_factors = factors(
         train, hz, [amplitude] * len(topology.amplitude_links)
     )
-    # Without a speed no link is tuned to an order, or an error was raised above.
-    tuned_stiffness = order_stiffness(train, ratios, 0.0 if rpm is None else rpm)
 
-    def constant(table: Any, first: int, added_stiffness: Number) -> Any:
+    def constant(table: Any, first: int) -> Any:
         """A table whose links count from ``first`` on, times their factors."""
         rows = [
             k
@@ -123,17 +205,15 @@ def with_constant_links(
         places = np.array(rows, dtype=int)
         return dataclasses.replace(
             table,
-            stiffness=scaled(
-                table.stiffness + added_stiffness, seats, stiffness_factors[places]
-            ),
+            stiffness=scaled(table.stiffness, seats, stiffness_factors[places]),
             damping=scaled(table.damping, seats, damping_factors[places]),
             loss_factor=scaled(table.loss_factor, seats, damping_factors[places]),
         )
 
     return dataclasses.replace(
         fixed,
-        shafts=constant(fixed.shafts, 0, 0.0),
-        dampers=constant(fixed.dampers, n_shafts, tuned_stiffness),
+        shafts=constant(fixed.shafts, 0),
+        dampers=constant(fixed.dampers, n_shafts),
     )
 
 

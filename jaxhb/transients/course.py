@@ -20,9 +20,6 @@ from jaxhb.train.topology import Topology
 from jaxhb.transients.events import Disturbance, Placed, chosen_events, corners
 from jaxhb.transients.timeline import SpeedTable
 
-UNSUPPORTED = ("clutch",)
-JUMPING = ("step", "table", "pulse", "decaying")
-
 
 @dataclass(frozen=True)
 class Occurrence:
@@ -102,6 +99,12 @@ class Course:
     def torque_begins(self) -> np.ndarray:
         """Begins ``(E,)`` s of the events that are torques."""
         return self.begins[np.array(self.of_kind(*TORQUES), dtype=int)]
+
+    def clutch_links(self, topology: Topology) -> np.ndarray:
+        """Links ``(C,)`` of the shafts with clutches."""
+        names = [self.listed[k].event.seat.of for k in self.of_kind("clutch")]
+        links = [topology.link_names.index(name) for name in names]
+        return np.array(links, dtype=int)
 
     def states(self, train: DriveTrain) -> list[DriveTrain]:
         """The train in each state of its cylinders."""
@@ -199,17 +202,28 @@ def event_corners(
                 yield time
 
 
-def refuse_unsupported(topology: Topology, listed: list[Occurrence]) -> None:
-    """Refuse kinds of events that no transient has yet."""
-    refused = [row.name for row in listed if row.kind in UNSUPPORTED]
-    if refused:
-        raise SceneError(
-            [
-                f"{topology.title}: event {shown(name)} is a clutch, which a transient"
-                " does not take."
-                for name in refused
-            ]
-        )
+def refuse_clutches(topology: Topology, listed: list[Occurrence]) -> None:
+    """Refuse two clutches of one shaft, and one of a shaft whose stiffness is no
+    constant.
+    """
+    shafts = [row.event.seat.of for row in listed if row.kind == "clutch"]
+    springs = {topology.link_names[link] for link, *_ in topology.springs}
+    over_speed = {
+        topology.shaft_names[index]
+        for table, _, index, _ in topology.rpm_tables
+        if table == "shaft"
+    }
+    for name in shafts:
+        if shafts.count(name) > 1:
+            raise SceneError(
+                f"{topology.title}: shaft {shown(name)} has two clutches among the"
+                " events: name one of them."
+            )
+        if name in springs | over_speed:
+            raise SceneError(
+                f"{topology.title}: shaft {shown(name)} has a clutch, and its stiffness"
+                " must be constant, without stages, stops, clearance or friction."
+            )
 
 
 def refuse_moving_jumps(train: DriveTrain, listed: list[Occurrence]) -> None:
@@ -250,13 +264,16 @@ def disturbance_of(train: DriveTrain, plan: Course) -> Disturbance | None:
     """The :class:`Disturbance` of the events of a course; None of none."""
     places = plan.of_kind(*TORQUES)
     fuels = plan.of_kind("fuel")
-    if not places and not fuels:
+    clutches = plan.of_kind("clutch")
+    if not (places or fuels or clutches):
         return None
     return Disturbance(
         train=train,
         begins=begin_seconds(train, plan, places),
         start_angles=np.zeros(len(places)),
         fuel_begins=begin_seconds(train, plan, fuels),
+        clutch_begins=begin_seconds(train, plan, clutches),
         torques=tuple(plan.listed[place].name for place in places),
         fuels=tuple(plan.listed[place].name for place in fuels),
+        clutches=tuple(plan.listed[place].name for place in clutches),
     )

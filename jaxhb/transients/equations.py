@@ -8,26 +8,31 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, namespace, traced
+from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb.elements.sentences import SceneError
+from jaxhb.equations import fourier
 from jaxhb.equations.state_space import Partition, loss_damping, partition, state_space
 from jaxhb.equations.system import System
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
+from jaxhb.solutions.solve import solve
 from jaxhb.steady.classification import motion_of
 from jaxhb.steady.marching import Equations
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train import chain, excitation
 from jaxhb.train.chain import rigid_shape
+from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.mesh_parameters import all_meshes, law_meshes
+from jaxhb.train.topology import Topology
+from jaxhb.train.varying import at_speed
 from jaxhb.transients import torques
 from jaxhb.transients.course import Course, disturbance_of
 from jaxhb.transients.free_speed import Plan
-from jaxhb.transients.march import Errors, Marching
+from jaxhb.transients.march import Errors, Marching, Slipping, Varying
 from jaxhb.transients.motion import Readings
-from jaxhb.transients.timeline import Grid, SpeedTable
+from jaxhb.transients.timeline import Grid
 from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
@@ -42,21 +47,27 @@ MOST_DISKS = 600  # modes of more take minutes
 
 @dataclass(frozen=True)
 class TransientEquations:
-    """Equations of a train as a transient marches them; ``values`` is the train with
-    concrete numbers, ``space`` that in pairs of the host, or dense where the train is
-    traced.
+    """Equations of a train as a transient marches them.
+
+    values : the train with concrete numbers; fixed : as it is at the middle speed, of
+    which are at_hand, the equations of marches, system and space, in pairs of the host,
+    or dense where the train is traced; springs : that vary with the speed; highest_hz :
+    frequency that teeth notice; notes : on the numbers.
     """
 
     train: DriveTrain
     values: DriveTrain
+    fixed: DriveTrain
+    at_hand: Equations
     system: System
     space: ForcedSpace
+    springs: SpringsOverSpeed
     highest_hz: float
     notes: tuple[str, ...]
 
     @classmethod
     def of(
-        cls, train: DriveTrain, values: DriveTrain, plan: Course
+        cls, train: DriveTrain, values: DriveTrain, plan: Plan
     ) -> TransientEquations:
         """The equations of a train."""
         topology = train.topology
@@ -65,9 +76,12 @@ class TransientEquations:
                 f"{topology.title}: a transient takes trains of at most {MOST_DISKS}"
                 f" disks, and this one has {topology.n_disks}."
             )
-        at_hand = Equations(values)
-        system = chain.assemble(train)
-        meshes = law_meshes(train)
+        middle = (plan.table.rpm.min() + plan.table.rpm.max()) / 2
+        fixed = at_speed(train, middle)
+        at_hand = Equations(at_speed(values, middle))
+        system = chain.assemble(fixed)
+        meshes = law_meshes(fixed)
+        springs = springs_over_speed(values, system)
         lossy = bool(np.any(at_hand.system.loss))
         if lossy and traced(train):
             raise SceneError(
@@ -84,9 +98,15 @@ class TransientEquations:
         frequency = topology.cycle_frequency(1000.0)
         damping = loss_damping(at_hand.system) if lossy else 0.0
         dense = state_space(system, meshes, frequency, parts, damping)
-        every = all_meshes(train)
-        columns = torques.load_columns(train, system, every, plan.torque_disks)
-        space = forced_space(system, parts, dense, columns)
+        every = all_meshes(fixed)
+        disks = plan.course.torque_disks
+        columns = torques.load_columns(fixed, system, every, disks)
+        clutches = plan.course.clutch_links(values.topology)
+        rows = np.concatenate(
+            [springs.columns(system), system.incidence(clutches)], axis=1
+        )
+        _refuse_at_static(values.topology, parts, rows)
+        space = forced_space(system, parts, dense, columns, rows)
         if not traced(train):
             space = in_pairs(space, _free_rotation(train, system, space))
         notes: list[str] = []
@@ -101,7 +121,9 @@ class TransientEquations:
                 " by itself"
             )
         highest = at_hand.highest_hz if len(at_hand.own) else 0.0
-        return cls(train, values, system, space, highest, tuple(notes))
+        return cls(
+            train, values, fixed, at_hand, system, space, springs, highest, tuple(notes)
+        )
 
     @property
     def follows_loads(self) -> bool:
@@ -113,13 +135,14 @@ class TransientEquations:
         train = self.train
         topology = train.topology
         xp = namespace(train)
-        meshes = law_meshes(train)
+        meshes = law_meshes(self.fixed)
         harmonics = excitation.listed_harmonic(topology)
         weights = [step_weights(self.space, h) for h in steps.lengths]
         stacked: StepWeights = jax.tree.map(lambda *rows: xp.stack(rows), *weights)
         lowest = float(plan.table.rpm.min())
         highest = float(plan.table.rpm.max())
-        every = all_meshes(train)
+        every = all_meshes(self.fixed)
+        ranges = torques.panels(self.values, lowest, highest)
         errors = None
         if every.error is not None:
             errors = Errors(
@@ -133,10 +156,12 @@ class TransientEquations:
             contact_damping=meshes.contact_damping,
             variation=meshes.variation,
             errors=errors,
+            varying=self.springs.varying(train, self.system, ranges),
+            slipping=_slipping(self.system, plan.course.clutch_links(topology)),
             torques=torques.torque_table(
                 plan.course.states(train),
                 plan.course.idle_states(train),
-                torques.panels(self.values, lowest, highest),
+                ranges,
                 harmonics,
                 free=plan.free,
             ),
@@ -146,7 +171,6 @@ class TransientEquations:
         )
         system = self.system
         disks = topology.n_disks
-        at_hand = Equations(self.values)
         rotor = np.array(topology.rotor, dtype=int)
         through = self.space.through
         if not self.follows_loads:
@@ -163,13 +187,15 @@ class TransientEquations:
             stiffness=system.stiffness,
             viscous=system.viscous,
             meshes=meshes,
-            beside=at_hand.beside,
+            beside=self.at_hand.beside,
+            clutches=plan.course.clutch_links(topology),
+            links_over_speed=self.springs.of_links(train, ranges),
         )
         return marching, readings
 
-    def begin(self, start: Any, table: SpeedTable) -> Array:
+    def begin(self, start: Any, plan: Plan) -> Array:
         """State ``(n,)`` of the motion at 0 s."""
-        first = float(table.rpm[0])
+        first = float(plan.table.rpm[0])
         disks = self.train.topology.n_disks
         if start is None:
             start = "steady" if first > 0 else "rest"
@@ -179,19 +205,21 @@ class TransientEquations:
                     'transient: start is "steady", and the first speed is 0 rpm: start'
                     ' from "rest", or from a speed above 0.'
                 )
-            start = steady_state(self.values, rpm=first)
-            if not start.known:
-                raise SceneError(
-                    f"transient: the steady motion at {first:g} rpm is unknown:"
-                    f' {" ".join(start.notes)}: start from "rest".'
-                )
+            start = self._steady(first)
         if isinstance(start, str):
-            if start != "rest":
+            if start not in ("rest", "open"):
                 raise SceneError(
-                    f'transient: start is {start!r}: give "steady", "rest" or a motion.'
+                    f'transient: start is {start!r}: give "steady", "rest", "open" or a'
+                    " motion."
                 )
-            return 0 * self.space.coordinates[:, 0]
-        if isinstance(start, SteadyState | Response):
+            velocity = np.zeros(disks)
+            if start == "open":
+                velocity = -first * (np.pi / 30) * self._behind(plan.course)
+            rest = np.zeros(disks)
+            return self.space.coordinates @ np.concatenate([rest, velocity])
+        if isinstance(start, Response):
+            motion = _motion(self.train, start)
+        elif isinstance(start, SteadyState):
             motion = motion_of(self.values, start)
         else:
             motion = start
@@ -201,6 +229,168 @@ class TransientEquations:
                 f" ({2 * disks},): displacements and velocities of {disks} disks."
             )
         return self.space.coordinates @ motion
+
+    def _behind(self, plan: Course) -> np.ndarray:
+        """Displacements ``(S,)`` m per rad of the reference rotor of the disks that
+        hang on it by clutches alone, 0 of the others.
+        """
+        topology = self.values.topology
+        clutches = plan.clutch_links(topology).tolist()
+        if not clutches:
+            raise SceneError(
+                'transient: start is "open", and no event is a clutch: start from'
+                ' "rest".'
+            )
+        joined = neighbours(topology.link_ends, topology.n_disks, clutches)
+        turning = {disk for disk, *_ in breadth_first(joined, topology.reference_disk)}
+        rigid = np.asarray(rigid_shape(self.values, displacement_radii(self.values)))
+        still = [disk not in turning for disk in range(topology.n_disks)]
+        return np.where(still, rigid, 0.0)
+
+    def _steady(self, rpm: float) -> SteadyState | Response:
+        """The steady motion at a speed; where the train is traced as a solution of its
+        equations, which has derivatives.
+        """
+        state = steady_state(self.values, rpm=rpm)
+        if not state.known:
+            raise SceneError(
+                f"transient: the steady motion at {rpm:g} rpm is unknown:"
+                f' {" ".join(state.notes)}: start from "rest".'
+            )
+        if not traced(self.train):
+            return state
+        if state.response is None:
+            raise SceneError(
+                f"transient: the steady motion at {rpm:g} rpm is {state.kind} and has"
+                ' no derivatives: start from "rest", or give its motion.'
+            )
+        train = self.train
+        if state.period > 1:
+            train = train.repeated(state.period)
+        return solve(train, rpm=rpm, start=state.response)
+
+
+def _slipping(system: System, links: np.ndarray) -> Slipping | None:
+    """The clutches of some shafts; None without any."""
+    if not len(links):
+        return None
+    ends = system.tree.end_a[links]
+    return Slipping(system.stiffness[links], system.viscous[links], system.radius[ends])
+
+
+def _motion(train: DriveTrain, response: Response) -> Array:
+    """Motion (x, x') ``(2S,)`` of the disks at the begin of a cycle of a response, with
+    its derivatives.
+    """
+    angles = response.angles * displacement_radii(train)[:, None]
+    omega = response.topology.cycle_frequency(response.rpm)
+    xp = namespace(angles)
+    both = xp.concatenate([angles, fourier.derivative(angles, omega)])
+    return fourier.sample(both, 1)[:, 0]
+
+
+@dataclass(frozen=True)
+class SpringsOverSpeed:
+    """Springs whose stiffness or damping depends on the speed: links by their index,
+    and disks whose ground or damping to ground does.
+    """
+
+    links: np.ndarray
+    disks: np.ndarray
+
+    def columns(self, system: System) -> Array:
+        """Deflections ``(S, V)`` per displacement of the disks."""
+        xp = namespace(system)
+        seats = np.eye(len(system.mass))[:, self.disks]
+        return xp.concatenate([system.incidence(self.links), seats], axis=1)
+
+    def _at(self, train: DriveTrain, ranges: np.ndarray) -> tuple[Array, Array]:
+        """Stiffness and damping ``(P, 3, links + disks)`` of all links and disks at
+        begin, middle and end of panels ``(P, 2)`` rpm.
+        """
+        xp = namespace(train)
+        nodes = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
+
+        def at(rpm: Number) -> tuple[Array, Array]:
+            system = chain.assemble(train, rpm)
+            stiffness = xp.concatenate([system.stiffness, system.ground])
+            return stiffness, xp.concatenate([system.viscous, system.damping])
+
+        if xp is np:
+            rows = [at(float(rpm)) for rpm in nodes.ravel()]
+            both: list[Array] = [np.stack([row[k] for row in rows]) for k in (0, 1)]
+        else:
+            both = [*jax.vmap(at)(nodes.ravel())]
+        stiffness, viscous = both
+        shape = (*nodes.shape, stiffness.shape[-1])
+        return stiffness.reshape(shape), viscous.reshape(shape)
+
+    def varying(
+        self, train: DriveTrain, system: System, ranges: np.ndarray
+    ) -> Varying | None:
+        """The :class:`Varying` beside a System; None where nothing varies."""
+        if not train.topology.depends_on_speed:
+            return None
+        xp = namespace(train)
+        stiffness, viscous = self._at(train, ranges)
+        chosen = np.concatenate([self.links, len(system.stiffness) + self.disks])
+        linear = xp.concatenate([system.stiffness, system.ground])
+        damping = xp.concatenate([system.viscous, system.damping])
+        return Varying(
+            ranges * (np.pi / 30),
+            (stiffness - linear)[..., chosen],
+            (viscous - damping)[..., chosen],
+        )
+
+    def of_links(self, train: DriveTrain, ranges: np.ndarray) -> Varying | None:
+        """Stiffness and damping of all links over the speed; None where nothing
+        varies.
+        """
+        if not train.topology.depends_on_speed:
+            return None
+        count = len(train.topology.link_names)
+        stiffness, viscous = self._at(train, ranges)
+        return Varying(
+            ranges * (np.pi / 30), stiffness[..., :count], viscous[..., :count]
+        )
+
+
+def springs_over_speed(train: DriveTrain, system: System) -> SpringsOverSpeed:
+    """The :class:`SpringsOverSpeed` of a train; meshes that have a law are refused."""
+    topology = train.topology
+    shafts = len(topology.shaft_names)
+    meshes = len(topology.link_names) - len(topology.mesh_names)
+    first = {"shaft": 0, "damper": shafts, "mesh": meshes}
+    links = set(topology.order_links)
+    disks = set()
+    for table, field, index, _ in topology.rpm_tables:
+        if table == "mesh" and topology.has_law[index]:
+            raise SceneError(
+                f"{topology.title}: mesh {topology.mesh_names[index]!r} has"
+                f" {field}_over_rpm, and its teeth may part: a transient takes it"
+                " constant: train.with_constant_links(rpm=...)."
+            )
+        if table in first:
+            links.add(first[table] + index)
+        else:
+            disks.add(topology.ground_disk[index] if table == "ground" else index)
+    return SpringsOverSpeed(
+        np.array(sorted(links), dtype=int), np.array(sorted(disks), dtype=int)
+    )
+
+
+def _refuse_at_static(topology: Topology, parts: Partition, rows: Array) -> None:
+    """Refuse springs that vary with the speed beside disks without inertia and
+    damping.
+    """
+    touched = np.any(np.asarray(concrete(rows)[0]) != 0, axis=1)
+    for disk in parts.static:
+        if touched[disk]:
+            raise SceneError(
+                f"{topology.title}: disk {topology.disk_names[disk]!r} has no inertia,"
+                " and a link at it depends on the speed: give it an inertia, or take"
+                " train.with_constant_links(rpm=...)."
+            )
 
 
 def _free_rotation(

@@ -355,21 +355,28 @@ def _ice_corners(train: TrainArrays, member: Placed) -> Iterator[float]:
 @dataclass(frozen=True)
 class Disturbance:
     """Events of a transient: E torques by their names and begins ``(E,)`` s, and fuel
-    likewise ``(F,)``; start_angles ``(E,)`` rad, at which the torques begin.
+    ``(F,)`` and clutches ``(C,)`` likewise; start_angles ``(E,)`` rad, at which the
+    torques begin.
     """
 
     train: TrainArrays
     begins: Array
     start_angles: Array
     fuel_begins: Array
+    clutch_begins: Array
     torques: tuple[str, ...] = field(metadata={"static": True})
     fuels: tuple[str, ...] = field(metadata={"static": True})
+    clutches: tuple[str, ...] = field(metadata={"static": True})
 
     def torque(self, seconds: Array, angle: Array) -> Array:
         """Torques ``(n, E)`` N m on their disks."""
         return event_torques(
             self.train, self.torques, seconds, angle, self.begins, self.start_angles
         )
+
+    def capacity(self, seconds: Array) -> Array:
+        """Torques ``(n, C)`` N m that the clutches carry at most."""
+        return clutch_capacity(self.train, self.clutches, seconds, self.clutch_begins)
 
     def fuel(self, seconds: Array) -> Array:
         """Factor ``(n,)`` of gas torques and torques that drive."""

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Number, concrete
+from jaxhb._jax import Array, Number
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.train import excitation
@@ -204,7 +204,16 @@ def _free_again(
     """The plan with the speed that follows from its course."""
     corners = event_corners(values, plan.course, plan.table, seconds)
     steps = grid(seconds, corners, seconds / FREE_STEPS / STEPS, slowest=0.0)
-    mean = mean_rotation(values, plan.course, np.array([0.0, highest]))
+    present = plan.course
+    table = torques.torque_table(
+        present.states(values),
+        present.idle_states(values),
+        torques.panels(values, 0.0, highest),
+        1,
+        free=True,
+    )
+    disturbance = disturbance_of(values, present)
+    mean = mean_rotation(values, present, table, disturbance)
     mode = plan.course.mode(steps.begin)
     rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
     speeds = np.asarray(rotation.omega) * (30 / np.pi)
@@ -224,8 +233,8 @@ def _free_again(
             f" {steps.borders[stopped]:.3g} s. Ask for fewer seconds, or correct the"
             " mean torques or the laws of loads."
         )
-    table = SpeedTable(steps.borders, speeds)
-    return Plan(table, course(values, plan.course.listed, table), free=True)
+    after = SpeedTable(steps.borders, speeds)
+    return Plan(after, course(values, plan.course.listed, after), free=True)
 
 
 def known_speeds(train: DriveTrain) -> list[float]:
@@ -239,23 +248,20 @@ def known_speeds(train: DriveTrain) -> list[float]:
     return [float(number) for number in numbers if np.isfinite(number)]
 
 
-def mean_rotation(train: DriveTrain, plan: Course, span: np.ndarray) -> MeanRotation:
-    """The :class:`MeanRotation` of a train between two speeds ``(2,)`` rpm."""
+def mean_rotation(
+    train: DriveTrain,
+    plan: Course,
+    table: TorqueTable,
+    disturbance: Disturbance | None,
+) -> MeanRotation:
+    """The :class:`MeanRotation` of a train with its table of torques."""
     ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
-    harmonics = 1
-    table = torques.torque_table(
-        plan.states(train),
-        plan.idle_states(train),
-        torques.panels(concrete(train)[0], float(span[0]), float(span[1])),
-        harmonics,
-        free=True,
-    )
     return MeanRotation(
         table=table,
         ratios=ratio[torques.excited_disks(train)],
         event_ratios=ratio[plan.torque_disks],
         inertia=torques.accelerated_inertia(train),
-        disturbance=disturbance_of(train, plan),
+        disturbance=disturbance,
     )
 
 

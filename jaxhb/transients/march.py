@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, namespace
 from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
@@ -54,15 +54,70 @@ class Errors:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Varying:
+    """Stiffness and damping of V springs over the speed, less those that the linear
+    train has, in P panels with borders omega ``(P, 2)`` rad/s: stiffness N/m and
+    viscous N s/m ``(P, 3, V)`` at begin, middle and end.
+    """
+
+    omega: Array
+    stiffness: Array
+    viscous: Array
+
+    def at(self, omega: Array) -> tuple[Array, Array]:
+        """Stiffness and viscous ``(n, V)`` at speeds ``(n,)`` rad/s."""
+        xp = namespace(self, omega)
+        panel = panel_of(self.omega, omega)
+        powers = powers_in_panel(self.omega, panel, omega)
+
+        def values(nodes: Array) -> Array:
+            coefficients = parabola(nodes[:, 0], nodes[:, 1], nodes[:, 2])
+            chosen = xp.stack(coefficients, axis=1)[panel]
+            return (powers[..., None] * chosen).sum(axis=-2)
+
+        return values(self.stiffness), values(self.viscous)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Slipping:
+    """C shafts with clutches, each stiffness k N/m, viscous r N s/m and radius m at its
+    first end, ``(C,)``.
+
+    A clutch carries ``k (l - s) + r l'`` as long as that is within its capacity; beyond
+    it carries its capacity and slips: s follows l so that ``k (l - s)`` is that force.
+    """
+
+    stiffness: Array
+    viscous: Array
+    radius: Array
+
+    def force(self, capacity: Array, slip: Array, l: Array, rate: Array) -> Array:
+        """Force ``(C,)`` N that clutches carry, of a capacity ``(C,)`` N."""
+        sticking = self.stiffness * (l - slip) + self.viscous * rate
+        return jnp.clip(sticking, -capacity, capacity)
+
+    def slip(self, capacity: Array, slip: Array, l: Array, rate: Array) -> Array:
+        """Slip ``(C,)`` m afterwards."""
+        sticking = self.stiffness * (l - slip) + self.viscous * rate
+        slips = jnp.abs(sticking) > capacity
+        limit = jnp.where(slips, capacity, 0.0)
+        return jnp.where(slips, l - jnp.sign(sticking) * limit / self.stiffness, slip)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Marching:
     """All that the blocks of a transient share.
 
-    weights : by the lengths of the steps, ``(K, ...)``; observation ``(2G, n)``; law,
-    viscous, contact_damping : of G meshes; variation ``(G, H+1)``: coefficients of
-    their stiffness over the cycle, over its mean, less 1, or None; errors : or None;
-    torques : of the excitation;
-    disturbance : events; revolutions : of the reference rotor in a cycle;
-    keeps_loads : whether loads are part of the result, as disks follow them at once.
+    weights : by the lengths of the steps, ``(K, ...)``; observation ``(2 (G + V), n)``
+    of G meshes that have a law and V springs that vary with the speed; law, viscous,
+    contact_damping : of the meshes; variation ``(G, H+1)``: coefficients of their
+    stiffness over the cycle, over its mean, less 1, or None; errors : or None; varying
+    : the springs, or None; slipping : clutches behind the springs, or None; torques :
+    of the excitation; disturbance : events;
+    revolutions : of the reference rotor in a cycle; keeps_loads : whether loads are
+    part of the result, as disks follow them at once.
     """
 
     weights: StepWeights
@@ -72,17 +127,30 @@ class Marching:
     contact_damping: Array
     variation: Array | None
     errors: Errors | None
+    varying: Varying | None
+    slipping: Slipping | None
     torques: TorqueTable
     disturbance: Disturbance | None
     revolutions: float = field(metadata={"static": True})
     keeps_loads: bool = field(metadata={"static": True})
+
+    @property
+    def springs(self) -> int:
+        """Number V of springs that vary with the speed."""
+        return 0 if self.varying is None else self.varying.stiffness.shape[-1]
+
+    @property
+    def clutches(self) -> int:
+        """Number C of clutches."""
+        return 0 if self.slipping is None else len(self.slipping.stiffness)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marched:
     """Steps of blocks ``(B, STEPS, ...)``, each at its end: states ``(n,)``, loads
-    ``(C,)`` or none, deflections and rates ``(2G,)`` of the meshes.
+    ``(C,)`` or none; teeth : deflections and rates of meshes, springs and clutches, and
+    forces of clutches in N.
     """
 
     state: Array
@@ -90,18 +158,29 @@ class Marched:
     teeth: Array
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Instant:
+    """State ``(n,)`` of a march, and slip ``(C,)`` m of its clutches."""
+
+    state: Array
+    slip: Array
+
+
 @Program
-def march(marching: Marching, state: Array, blocks: Blocks) -> tuple[Array, Marched]:
-    """March from a state ``(n,)`` through blocks: the state at the end, and the
+def march(
+    marching: Marching, begin: Instant, blocks: Blocks
+) -> tuple[Instant, Marched]:
+    """March from an instant through blocks: the instant at the end, and the
     :class:`Marched`.
     """
-    marching, blocks = jax.tree.map(jnp.asarray, (marching, blocks))
+    marching, begin, blocks = jax.tree.map(jnp.asarray, (marching, begin, blocks))
 
-    def block(state: Array, one_block: Blocks) -> tuple[Array, Marched]:
-        return _block(marching, state, one_block)
+    def block(instant: Instant, one_block: Blocks) -> tuple[Instant, Marched]:
+        return _block(marching, instant, one_block)
 
     # Backwards a block is marched again, so that its steps are not kept.
-    return lax.scan(jax.checkpoint(block), state, blocks)
+    return lax.scan(jax.checkpoint(block), begin, blocks)
 
 
 def _turning(angle: Array, harmonics: int) -> Array:
@@ -128,12 +207,12 @@ def _torques(
     """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
     table = marching.torques
     omega = block.speeds(ENDS)
-    panel = panel_of(table, omega[1])
+    panel = panel_of(table.omega, omega[1])
 
     def nodes(harmonics: Array) -> Array:
         return jnp.stack(parabola(*harmonics[block.mode, panel]))
 
-    powers = powers_in_panel(table, panel, omega) + 0j
+    powers = powers_in_panel(table.omega, panel, omega) + 0j
 
     def at_times(harmonics: Array) -> Array:
         return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
@@ -165,14 +244,18 @@ def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class _Steps:
     """Numbers of the steps of a block, ``(STEPS, ...)``: what loads add to the state
-    ``(n,)`` and to w ``(2G,)`` in the middle and at the end; stiffness over its mean,
-    less 1, ``(3, G)`` at begin, middle and end, None where it is constant.
+    ``(n,)`` and to w ``(2 (G + V),)`` in the middle and at the end; stiffness over its
+    mean, less 1, ``(3, G)`` at begin, middle and end, None where it is constant; and
+    those of springs that vary with the speed ``(3, 2V)``, and the capacity of clutches
+    ``(3, C)`` N.
     """
 
     state: Array
     middle: Array
     end: Array
     variation: Array | None
+    springs: Array | None
+    capacity: Array | None
 
 
 def _at_steps(values: Array) -> tuple[Array, Array, Array]:
@@ -186,13 +269,17 @@ def _at_steps(values: Array) -> tuple[Array, Array, Array]:
 @dataclass(frozen=True)
 class _HalfSteps:
     """Numbers at the half steps of a block, ``(2 STEPS + 1, ...)``: loads ``(C,)``,
-    transmission errors and their rates ``(2G,)`` of the meshes that have a law, and
-    their stiffness over its mean, less 1, ``(G,)``; None where there are none.
+    transmission errors and their rates ``(2 (G + V),)`` of the meshes that have a law,
+    their stiffness over its mean, less 1, ``(G,)``, and stiffness and damping of the
+    springs that vary with the speed ``(2V,)``; None where there are none; capacity
+    ``(C,)`` N of clutches.
     """
 
     loads: Array
     shift: Array | None
     variation: Array | None
+    springs: Array | None
+    capacity: Array | None
 
 
 def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
@@ -218,12 +305,29 @@ def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
         rate = block.speeds(SHARES) / marching.revolutions
         error, error_rate = _errors(errors, turning, rate)
         loads.append(error * errors.stiffness + error_rate * errors.viscous)
+        others = marching.springs + marching.clutches
+        springs_at_rest = jnp.zeros((len(SHARES), others))
         shift = jnp.concatenate(
-            [error[:, errors.places], error_rate[:, errors.places]], axis=1
+            [
+                error[:, errors.places],
+                springs_at_rest,
+                error_rate[:, errors.places],
+                springs_at_rest,
+            ],
+            axis=1,
         )
     if marching.variation is not None:
         variation = _values(turning, marching.variation)
-    return _HalfSteps(jnp.concatenate(loads, axis=1), shift, variation)
+    springs = None
+    if marching.varying is not None:
+        springs = jnp.concatenate(marching.varying.at(block.speeds(SHARES)), axis=1)
+    capacity = None
+    if marching.slipping is not None and marching.disturbance is not None:
+        seconds = block.begin + SHARES * block.duration
+        torque = marching.disturbance.capacity(seconds)
+        capacity = torque / marching.slipping.radius
+    every_load = jnp.concatenate(loads, axis=1)
+    return _HalfSteps(every_load, shift, variation, springs, capacity)
 
 
 def _teeth(marching: Marching, state: Array, half_steps: _HalfSteps) -> Array:
@@ -233,13 +337,32 @@ def _teeth(marching: Marching, state: Array, half_steps: _HalfSteps) -> Array:
 
 
 @Program
-def first_instant(marching: Marching, state: Array, block: Blocks) -> Marched:
-    """The :class:`Marched` of one instant, the begin of a block."""
-    marching, block = jax.tree.map(jnp.asarray, (marching, block))
+def first_instant(
+    marching: Marching, state: Array, block: Blocks
+) -> tuple[Instant, Marched]:
+    """The instant of a state at the begin of a block, whose clutches have slipped where
+    they do not carry it, and its :class:`Marched`.
+    """
+    marching, state, block = jax.tree.map(jnp.asarray, (marching, state, block))
     half_steps = _half_steps(marching, block)
-    teeth = _teeth(marching, state, half_steps)
+    w = _teeth(marching, state, half_steps)
+    slip: Array = jnp.zeros(marching.clutches)
+    carried = slip
+    if marching.slipping is not None and half_steps.capacity is not None:
+        numbers = half_steps.capacity[0], *_of_clutches(marching, w)
+        slip = marching.slipping.slip(numbers[0], slip, *numbers[1:])
+        carried = marching.slipping.force(numbers[0], slip, *numbers[1:])
     loads = _kept_loads(marching, half_steps.loads[0])
-    return Marched(state[None, None], loads[None, None], teeth[None, None])
+    teeth = jnp.concatenate([w, carried])
+    kept = Marched(state[None, None], loads[None, None], teeth[None, None])
+    return Instant(state, slip), kept
+
+
+def _of_clutches(marching: Marching, w: Array) -> tuple[Array, Array]:
+    """Deflections m and rates m/s ``(C,)`` of the clutches."""
+    deflection, rate = jnp.split(w, 2)
+    first = len(w) // 2 - marching.clutches
+    return deflection[first:], rate[first:]
 
 
 def _kept_loads(marching: Marching, loads: Array) -> Array:
@@ -247,8 +370,10 @@ def _kept_loads(marching: Marching, loads: Array) -> Array:
     return loads if marching.keeps_loads else loads[..., :0]
 
 
-def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marched]:
-    """The state after a block and its :class:`Marched`."""
+def _block(
+    marching: Marching, instant: Instant, block: Blocks
+) -> tuple[Instant, Marched]:
+    """The instant after a block and its :class:`Marched`."""
     half_steps = _half_steps(marching, block)
     of_steps = jnp.concatenate(_at_steps(half_steps.loads), axis=1)
     weights = jax.tree.map(lambda values: values[block.kind], marching.weights)
@@ -261,42 +386,79 @@ def _block(marching: Marching, state: Array, block: Blocks) -> tuple[Array, Marc
         end = end - shift_end
     if half_steps.variation is not None:
         variation = jnp.stack(_at_steps(half_steps.variation), axis=1)
-    steps = _Steps(of_steps @ weights.load_state, middle, end, variation)
+    springs = None
+    if half_steps.springs is not None:
+        springs = jnp.stack(_at_steps(half_steps.springs), axis=1)
+    capacity = None
+    if half_steps.capacity is not None:
+        capacity = jnp.stack(_at_steps(half_steps.capacity), axis=1)
+    steps = _Steps(
+        of_steps @ weights.load_state, middle, end, variation, springs, capacity
+    )
 
     def step(
-        carry: tuple[Array, Array], numbers: _Steps
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        after = _step(marching, weights, carry[0], carry[1], numbers)
-        return after, after
+        carry: tuple[Instant, Array], numbers: _Steps
+    ) -> tuple[tuple[Instant, Array], tuple[Array, Array]]:
+        instant, w = carry
+        state, w = _step(marching, weights, instant, w, numbers)
+        slip = instant.slip
+        carried: Array = jnp.zeros(0)
+        if marching.slipping is not None and numbers.capacity is not None:
+            motion = _of_clutches(marching, w)
+            slip = marching.slipping.slip(numbers.capacity[-1], slip, *motion)
+            carried = marching.slipping.force(numbers.capacity[-1], slip, *motion)
+        after = Instant(state, slip), w
+        return after, (state, jnp.concatenate([w, carried]))
 
-    (state, _), (states, teeth) = lax.scan(
-        step, (state, _teeth(marching, state, half_steps)), steps
-    )
+    begin = instant, _teeth(marching, instant.state, half_steps)
+    (instant, _), (states, teeth) = lax.scan(step, begin, steps)
     loads = _kept_loads(marching, half_steps.loads[2::2])
-    return state, Marched(states, loads, teeth)
+    return instant, Marched(states, loads, teeth)
 
 
 def _step(
-    marching: Marching, weights: StepWeights, state: Array, w: Array, numbers: _Steps
+    marching: Marching,
+    weights: StepWeights,
+    instant: Instant,
+    w: Array,
+    numbers: _Steps,
 ) -> tuple[Array, Array]:
     """State and w after a step: Krogstad's stages at its begin, twice in its middle
     and at its end.
     """
+    state = instant.state
     linear_end, linear_middle = jnp.split(weights.ahead @ state, 2)
     linear_end = linear_end + numbers.end
     linear_middle = linear_middle + numbers.middle
     next_state = propagated(weights.propagator, state) + numbers.state
-    if not len(marching.viscous):
+    if not len(w):
         return next_state, linear_end
+    meshes = len(marching.viscous)
 
     def force(moment: int, w: Array) -> Array:
         law = marching.law
         if numbers.variation is not None:
             law = backlash.at_instant(law, numbers.variation[moment])
         deflection, rate = jnp.split(w, 2)
-        return backlash.nonlinear_force(
-            law, marching.viscous, marching.contact_damping, deflection, rate
+        of_meshes = backlash.nonlinear_force(
+            law,
+            marching.viscous,
+            marching.contact_damping,
+            deflection[:meshes],
+            rate[:meshes],
         )
+        forces = [of_meshes]
+        if numbers.springs is not None:
+            springs = slice(meshes, meshes + marching.springs)
+            stiffness, viscous = jnp.split(numbers.springs[moment], 2)
+            forces.append(stiffness * deflection[springs] + viscous * rate[springs])
+        if marching.slipping is not None and numbers.capacity is not None:
+            slipping = marching.slipping
+            l, l_rate = _of_clutches(marching, w)
+            carried = slipping.force(numbers.capacity[moment], instant.slip, l, l_rate)
+            linear = slipping.stiffness * l + slipping.viscous * l_rate
+            forces.append(carried - linear)
+        return jnp.concatenate(forces)
 
     begin = force(0, w)
     middle = force(1, linear_middle + weights.first @ begin)

@@ -17,6 +17,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.train.topology import Topology
 from jaxhb.transients.fatigue import CountedCycles, SNCurve, count_cycles, damage_of
 from jaxhb.transients.history import History
+from jaxhb.transients.march import Varying
 
 
 @by_value
@@ -54,7 +55,9 @@ class Readings:
     ``(S, C)`` each; radius ``(S,)`` m; ratio ``(S,)`` of the speeds of rotors; ends
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
-    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them.
+    beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
+    links_over_speed : stiffness and viscous of all links where any depends on it;
+    clutches ``(C,)`` : links with clutches.
     """
 
     displacement: Array
@@ -69,6 +72,8 @@ class Readings:
     viscous: Array
     meshes: MeshParameters
     beside: Array | None
+    links_over_speed: Varying | None
+    clutches: np.ndarray
 
 
 @by_value
@@ -84,7 +89,7 @@ class Transient(Motion[History, ToothContact, Array]):
     ----------
     time, rpm, angle : ``(n,)`` s, speed of the reference rotor in rpm, rad that its
     mean rotation has turned
-    notes : what to know about the numbers
+    notes : what to know about the numbers; interrupted : whether the user ended it
     """
 
     topology: Topology = field(repr=False)
@@ -96,6 +101,7 @@ class Transient(Motion[History, ToothContact, Array]):
     teeth: Array = field(repr=False)
     readings: Readings = field(repr=False)
     notes: tuple[str, ...] = ()
+    interrupted: bool = False
 
     solution = None
 
@@ -164,7 +170,7 @@ class Transient(Motion[History, ToothContact, Array]):
             variation = 2 * (waves @ one.variation).real - one.variation[0].real
             law = jax.tree.map(lambda values: values * xp.ones(len(turns)), one.law)
             one = replace(one, law=backlash.at_instant(law, variation))
-        half = self.teeth.shape[1] // 2
+        half = (self.teeth.shape[1] - len(self.readings.clutches)) // 2
         return one, self.teeth[:, place], self.teeth[:, half + place]
 
     def _mesh_force(self, place: int) -> tuple[Array, Array]:
@@ -183,9 +189,18 @@ class Transient(Motion[History, ToothContact, Array]):
         mesh = link - self._shafts
         if mesh >= 0 and mesh in places:
             return self._mesh_force(list(places).index(mesh))
+        clutches = list(readings.clutches)
+        if link in clutches:
+            carried = self.teeth[:, clutches.index(link) - len(clutches)]
+            return carried, carried
         bend, rate = self._deflection(link)
-        elastic = readings.stiffness[link] * bend
-        transmitted = elastic + readings.viscous[link] * rate
+        stiffness = readings.stiffness[link]
+        viscous = readings.viscous[link]
+        if readings.links_over_speed is not None:
+            over_time = readings.links_over_speed.at(self.rpm * (np.pi / 30))
+            stiffness, viscous = (values[:, link] for values in over_time)
+        elastic = stiffness * bend
+        transmitted = elastic + viscous * rate
         return transmitted, elastic
 
     def _deflection(self, link: int) -> tuple[Array, Array]:

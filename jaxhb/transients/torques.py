@@ -113,8 +113,11 @@ def panels(train: TrainArrays, lowest: float, highest: float) -> np.ndarray:
 
 
 def kinks_between(train: TrainArrays, lowest: float, highest: float) -> list[float]:
-    """Speeds in rpm between two at which torques over the speed have a kink."""
+    """Speeds in rpm between two at which numbers over the speed have a kink."""
     speeds = excitation.speeds(train)
+    for table, field, index, count in train.topology.rpm_tables:
+        rows = getattr(train.table(table), f"{field}_over_rpm")
+        speeds = np.union1d(speeds, np.asarray(rows)[index, :count, 0])
     if train.loads.over_rpm is not None:
         speeds = np.union1d(speeds, np.asarray(train.loads.over_rpm)[..., 0])
     return [float(rpm) for rpm in speeds if lowest < rpm < highest]
@@ -165,17 +168,19 @@ def torque_table(
     )
 
 
-def panel_of(table: TorqueTable, omega: Number) -> Array:
-    """Number of the panel of a speed in rad/s, the nearest of one outside."""
-    xp = namespace(table, omega)
-    panel = xp.searchsorted(table.omega[:, 0], omega, side="right") - 1
-    return xp.clip(panel, 0, len(table.omega) - 1)
+def panel_of(borders: Array, omega: Number) -> Array:
+    """Number of the panel, of those with ``borders`` ``(P, 2)``, of a speed in rad/s,
+    the nearest of one outside.
+    """
+    xp = namespace(borders, omega)
+    panel = xp.searchsorted(borders[:, 0], omega, side="right") - 1
+    return xp.clip(panel, 0, len(borders) - 1)
 
 
-def powers_in_panel(table: TorqueTable, panel: Array, omega: Number) -> Array:
+def powers_in_panel(borders: Array, panel: Array, omega: Number) -> Array:
     """Powers 0 to 2 ``(..., 3)`` of the share of a panel at speeds in rad/s."""
-    begin = table.omega[panel, 0]
-    end = table.omega[panel, 1]
+    begin = borders[panel, 0]
+    end = borders[panel, 1]
     share = (omega - begin) / (end - begin)
     return namespace(share).asarray(share)[..., None] ** np.arange(3)
 
@@ -195,14 +200,14 @@ def fuelled(
 
 def means(table: TorqueTable, mode: Array, omega: Number, factor: Number) -> Array:
     """Mean torques ``(D,)`` N m at a speed in rad/s."""
-    panel = panel_of(table, omega)
+    panel = panel_of(table.omega, omega)
 
     def nodes(harmonics: Array) -> Array:
         return harmonics[mode, panel, :, :, 0].real
 
     begin, middle, end = fuelled(table, nodes, namespace(table).asarray(factor))
     over_speed = namespace(table).stack(parabola(begin, middle, end))
-    return powers_in_panel(table, panel, omega) @ over_speed
+    return powers_in_panel(table.omega, panel, omega) @ over_speed
 
 
 def load_columns(

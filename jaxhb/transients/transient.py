@@ -13,22 +13,25 @@ import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
 from jaxhb.elements.sentences import SceneError
+from jaxhb.linear.mesh_modes import STRAINED
+from jaxhb.linear.modal import natural_frequencies
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
 from jaxhb.train import excitation
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.excitation import main_speed
+from jaxhb.train.varying import at_speed
 from jaxhb.transients import torques
 from jaxhb.transients.course import (
     Course,
     course,
     event_corners,
     occurrences,
+    refuse_clutches,
     refuse_moving_jumps,
-    refuse_unsupported,
 )
 from jaxhb.transients.equations import TransientEquations
-from jaxhb.transients.free_speed import MeanRotation, Plan, free_plan, rotated
+from jaxhb.transients.free_speed import Plan, free_plan, mean_rotation, rotated
 from jaxhb.transients.march import Marched, Marching, first_instant, march
 from jaxhb.transients.motion import Readings, Transient
 from jaxhb.transients.timeline import (
@@ -50,6 +53,8 @@ STEPS_PER_MODE_PERIOD = 8
 CHUNK = 64  # blocks of a program
 MOST_STEPS = 2**26
 MEMORY = 2**31  # B of states
+# Modes above do not ring noticeably after a torque that jumps.
+HIGHEST_RINGING_HZ = 500.0
 IMBALANCE = 1e-6  # share of the mean torques that counts as balanced
 
 Speed = float | Sequence[Sequence[float]] | str
@@ -86,10 +91,11 @@ def transient(
         the last one, or from ``rpm`` on as the torques of the excitation, of loads by
         their laws over the speed and of events drive it.
     events : names of events and sequences of the scene
-    start : "steady", "rest", SteadyState, Response or array ``(2S,)``
+    start : "steady", "rest", "open", SteadyState, Response or array ``(2S,)``
         Motion at 0 s. "steady": the steady state of the first speed (default, unless
-        that is 0 rpm); "rest": no vibration, the links without torque; or
-        displacements in m and velocities in m/s of the disks.
+        that is 0 rpm); "rest": no vibration, the links without torque; "open": the
+        same, and what hangs on the reference rotor by clutches of events alone stands
+        still; or displacements in m and velocities in m/s of the disks.
     rpm : float, optional
         First speed of a free one.
     record : float, optional
@@ -102,6 +108,7 @@ def transient(
     Returns
     -------
     Transient
+        Ctrl-C ends it early: ``interrupted`` is then True.
 
     Raises
     ------
@@ -137,7 +144,7 @@ def transient(
             " outside; jax.grad and jax.jvp of it work"
         )
     listed = occurrences(values, events)
-    refuse_unsupported(values.topology, listed)
+    refuse_clutches(values.topology, listed)
     refuse_moving_jumps(train, listed)
     if isinstance(speed, str):
         plan = free_plan(values, seconds, speed, rpm, listed)
@@ -145,16 +152,16 @@ def transient(
         table = speed_table(seconds, speed, rpm)
         _check_balance(values, table)
         plan = Plan(table, course(values, listed, table), free=False)
-    equations = TransientEquations.of(train, values, plan.course)
+    equations = TransientEquations.of(train, values, plan)
     steps = _grid(equations, plan, seconds, refine)
     marching, readings = equations.marching(plan, steps)
     blocks = blocks_of(train, plan, steps, marching)
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
-    state = equations.begin(start, plan.table)
+    state = equations.begin(start, plan)
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
-    marched = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, marched, readings, equations.notes)
+    instants = _march(marching, state, blocks, recording, progress)
+    return _result(train, blocks, recording, instants, readings, equations.notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
@@ -162,14 +169,7 @@ def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) ->
     mode = plan.course.mode(steps.begin)
     if not plan.free:
         return blocks_of_table(steps, plan.table, mode)
-    ratio = speed_ratios(train)[np.array(train.topology.rotor, dtype=int)]
-    mean = MeanRotation(
-        table=marching.torques,
-        ratios=ratio[torques.excited_disks(train)],
-        event_ratios=ratio[plan.course.torque_disks],
-        inertia=torques.accelerated_inertia(train),
-        disturbance=marching.disturbance,
-    )
+    mean = mean_rotation(train, plan.course, marching.torques, marching.disturbance)
     rpm = float(plan.table.rpm[0])
     rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
     if not traced(rotation):
@@ -223,8 +223,8 @@ def _grid(
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
     wave = fastest * excitation.highest_harmonic(values)
     wave = max(wave, highest_event_hz(values, plan.course))
-    of_teeth = STEPS_PER_MODE_PERIOD * equations.highest_hz
-    rate = max(STEPS_PER_WAVE * wave, of_teeth) * refine
+    modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
+    rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
     if rate * seconds > MOST_STEPS:
         raise SceneError(
             f"{title}: {seconds:g} s take {rate * seconds:.3g} steps of {1 / rate:.3g}"
@@ -237,6 +237,23 @@ def _grid(
     if not plan.free:
         corners += table.seconds.tolist()
     return grid(seconds, corners, 1 / rate)
+
+
+def _highest_mode_hz(train: DriveTrain, plan: Course) -> float:
+    """Frequency in Hz of the highest mode that has to be resolved as clutches strain
+    it, or as torques that jump let it ring; 0 where nothing does.
+    """
+    clutches = plan.clutch_links(train.topology)
+    jumps = plan.of_kind("step", "table", "pulse", "decaying", "ice")
+    if not (len(clutches) or jumps):
+        return 0.0
+    modes = natural_frequencies(at_speed(train, float(main_speed(train))))
+    hz = modes.frequencies_hz
+    strained = (modes.strain_share[:, clutches] > STRAINED).any(axis=1)
+    ringing = np.zeros(len(hz), dtype=bool)
+    if jumps:
+        ringing = hz <= HIGHEST_RINGING_HZ
+    return float(np.max(hz[strained | ringing], initial=0.0))
 
 
 def highest_event_hz(train: DriveTrain, plan: Course) -> float:
@@ -280,21 +297,30 @@ def _march(
     blocks: Blocks,
     recording: _Recording,
     progress: Callable[[float], object] | None,
-) -> Marched:
-    """March through all blocks, chunk by chunk."""
+) -> _Instants:
+    """March through all blocks, chunk by chunk; Ctrl-C ends it."""
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
-    begin = first_instant(marching, state, first_block)
-    instants = _Instants(begin, recording, count, traced(marching, state, blocks))
+    instant, kept = first_instant(marching, state, first_block)
+    instants = _Instants(kept, recording, count, traced(marching, state, blocks))
     # Derivatives backwards keep the state at the begin of every part alone.
     marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
-    for first in range(0, count, CHUNK):
-        part = jax.tree.map(lambda values: values[first : first + CHUNK], blocks)  # noqa: B023
-        state, marched = marched_part(marching, state, padded(part, CHUNK))
-        instants.add(marched, len(part.begin))
-        if progress is not None:
-            progress(min(first + CHUNK, count) / count)
-    return instants.marched
+    try:
+        for first in range(0, count, CHUNK):
+            part = _part(blocks, first)
+            instant, marched = marched_part(marching, instant, padded(part, CHUNK))
+            instants.add(marched, len(part.begin))
+            if progress is not None:
+                progress(min(first + CHUNK, count) / count)
+    except KeyboardInterrupt:
+        if not instants.blocks or traced(marching, state, blocks):
+            raise
+    return instants
+
+
+def _part(blocks: Blocks, first: int) -> Blocks:
+    """The blocks of a program from the ``first`` one on."""
+    return jax.tree.map(lambda values: values[first : first + CHUNK], blocks)
 
 
 class _Instants:
@@ -306,7 +332,8 @@ class _Instants:
         self._recording = recording
         self._traced = traced
         self._parts = [begin]
-        self._filled = 1
+        self.count = count
+        self.blocks = 0
         if not self._traced:
             rows = 1 + count * len(recording.places)
             self._arrays = jax.tree.map(
@@ -326,25 +353,29 @@ class _Instants:
         """Keep the steps of the first ``size`` of some blocks."""
         places = self._recording.places
         if self._traced:
-            self._parts.append(
-                jax.tree.map(lambda values: values[:size, places], marched)
+            kept = jax.tree.map(lambda values: values[:size, places], marched)
+            self._parts.append(kept)
+        else:
+            kept = jax.tree.map(
+                lambda values: np.asarray(values)[:size][:, places], marched
             )
-            return
-        on_host = jax.tree.map(
-            lambda values: np.asarray(values)[:size][:, places], marched
-        )
-        self._fill(on_host, self._filled)
-        self._filled += size * len(places)
+            self._fill(kept, self._rows)
+        self.blocks += size
+
+    @property
+    def _rows(self) -> int:
+        """Number of instants so far."""
+        return 1 + self.blocks * len(self._recording.places)
 
     @property
     def marched(self) -> Marched:
         """Rows ``(n, ...)`` of all instants."""
         if not self._traced:
-            return self._arrays
+            return jax.tree.map(lambda values: values[: self._rows], self._arrays)
 
         def joined(*parts: Array) -> Array:
             flat = [part.reshape(-1, part.shape[2]) for part in parts if part.size]
-            shape = (self._filled, parts[0].shape[2])
+            shape = (self._rows, parts[0].shape[2])
             return jnp.concatenate(flat) if flat else jnp.zeros(shape)
 
         return jax.tree.map(joined, *self._parts)
@@ -354,12 +385,19 @@ def _result(
     train: DriveTrain,
     blocks: Blocks,
     recording: _Recording,
-    marched: Marched,
+    instants: _Instants,
     readings: Readings,
     notes: tuple[str, ...],
 ) -> Transient:
     """The :class:`Transient` of the steps that were kept."""
     xp = namespace(blocks)
+    marched = instants.marched
+    interrupted = instants.blocks < instants.count
+    blocks = jax.tree.map(lambda values: values[: instants.blocks], blocks)
+    if recording.stride > 1:
+        notes += (
+            f"one of {recording.stride} steps is kept: peaks between them are not seen",
+        )
     shares = (recording.places + 1) / STEPS
     after = blocks.begin[:, None] + blocks.duration[:, None] * shares
     start = np.zeros(1)
@@ -377,4 +415,5 @@ def _result(
         teeth=marched.teeth,
         readings=readings,
         notes=notes,
+        interrupted=interrupted,
     )

@@ -127,10 +127,15 @@ def load_rates(system: System, parts: Partition, columns: Array) -> tuple[Array,
 
 
 def forced_space(
-    system: System, parts: Partition, space: StateSpace, columns: Array
+    system: System,
+    parts: Partition,
+    space: StateSpace,
+    columns: Array,
+    springs: Array,
 ) -> ForcedSpace:
     """The :class:`ForcedSpace` of a StateSpace under loads with forces ``columns``
-    ``(S, C)`` N on the disks, dense.
+    ``(S, C)`` N on the disks, dense; ``springs`` ``(S, V)``: further springs, by their
+    deflections per displacement, whose forces stand behind those of the meshes.
     """
     xp = namespace(system, space, columns)
     disks = len(system.mass)
@@ -152,11 +157,20 @@ def forced_space(
     velocity = displacement @ space.transition
     # Loads move damped disks without inertia at once: their velocity follows from them.
     through = xp.concatenate([through[:disks], displacement @ (T @ rates)])
+    of_springs, _ = load_rates(system, parts, springs)
+    forcing = xp.concatenate([space.forcing, -T @ of_springs], axis=1)
+    deflection, rate = xp.split(space.observation, 2)
+    observation = [
+        deflection,
+        springs.T @ displacement,
+        rate,
+        springs.T @ velocity,
+    ]
     return ForcedSpace(
         transition=space.transition,
-        forcing=space.forcing,
+        forcing=forcing,
         load=T @ rates,
-        observation=space.observation,
+        observation=xp.concatenate(observation),
         motion=xp.concatenate([displacement, velocity]),
         through=through,
         coordinates=space.coordinates,

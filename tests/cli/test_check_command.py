@@ -126,6 +126,17 @@ def test_check_of_links_that_vary_says_what_it_lacks(here, run):
     assert f"{np.sqrt(4e4) / (2 * np.pi):.2f}" in words
 
 
+def test_check_shows_numbers_over_the_speed_and_modes_are_those_of_a_speed(here, run):
+    rows = "stiffness_over_rpm = [[500, 1e4], [1500, 3e4]]"
+    (here / "joint.toml").write_text(f"{TWO}{rows}\n")
+    run("check joint.toml").check_printed("check_over_rpm")
+    record = run("check joint.toml", "json").json
+    assert record["over_rpm"] == {"a|b.stiffness": [[500.0, 1e4], [1500.0, 3e4]]}
+    # Halfway between the rows.
+    words = run("modes joint.toml --links-at rpm=1000").words
+    assert f"{np.sqrt(4e4) / (2 * np.pi):.2f}" in words
+
+
 @pytest.mark.slow
 def test_check_tells_what_a_tuning_would_refuse(here, run):
     text, _ = scene_text("first_scene")

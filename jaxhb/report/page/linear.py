@@ -37,6 +37,7 @@ from jaxhb.report.text.linear import (
     in_contact,
     modes_text,
 )
+from jaxhb.train.varying import at_speed
 
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up
@@ -55,13 +56,16 @@ SPEEDS = 201
 
 def modes(report: Report) -> list[Block]:
     """Show natural frequencies and the shapes of the first ones that strain links."""
-    train = report.train
+    rpm = max(report.rpm)
+    train = at_speed(report.train, rpm)
+    remark = f"Stiffness or damping depends on the speed, and is that at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     sheets = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
     return [
         table,
+        *[remark] * report.train.topology.depends_on_speed,
         *approximations(train),
         *(shapes_figure(train, natural, sheet, ratios) for sheet in sheets),
     ]

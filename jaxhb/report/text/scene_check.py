@@ -27,12 +27,14 @@ from jaxhb.train.connections import names_of
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import (
     excited_disks,
+    main_speed,
     mean_torques,
     speeds as excitation_speeds,
 )
 from jaxhb.train.kinematics import Referred, referred, tooth_damping_ratios
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
+from jaxhb.train.varying import tables_at
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
@@ -40,8 +42,11 @@ SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
 
 def referred_tables(train: DriveTrain) -> list[Table]:
     """Inertias, stiffnesses and dampings, actual and referred to the reference rotor;
-    tables of those that the train has.
+    tables of those that the train has. Numbers over the speed stand there as they are
+    at the speed of the scene.
     """
+    over_speed = over_speed_table(train)
+    train = at_own_speed(train)
     numbers = referred(train)
     topology = train.topology
     damping = np.zeros(len(numbers.factor))
@@ -96,7 +101,39 @@ def referred_tables(train: DriveTrain) -> list[Table]:
                 left="",
             )
         )
-    return [*tables, *_order_table(train, numbers), *_varying_table(train, numbers)]
+    varying = [*_order_table(train, numbers), *_varying_table(train, numbers)]
+    return [*tables, *varying, *over_speed]
+
+
+def at_own_speed(train: DriveTrain) -> DriveTrain:
+    """The train with its numbers over the speed as they are at the rated speed, else at
+    the highest at which the scene gives a torque.
+    """
+    return tables_at(train, main_speed(train))
+
+
+def over_speed_table(train: DriveTrain) -> list[Table]:
+    """The table of the numbers that depend on the speed, in a list."""
+    topology = train.topology
+    columns: dict[str, list] = defaultdict(list)
+    for table, field, i, count in topology.rpm_tables:
+        rows = np.asarray(getattr(train.table(table), f"{field}_over_rpm")[i, :count])
+        unit = "N s/m" if table == "mesh" else "N m s/rad"
+        if field == "stiffness":
+            unit = "N/m" if table == "mesh" else "N m/rad"
+        for rpm, value in rows.tolist():
+            columns["element"].append(topology.names_of(table)[i])
+            columns["of it"].append(field)
+            columns["rpm"].append(rpm)
+            columns["value"].append(value)
+            columns["unit"].append(unit)
+    if not columns:
+        return []
+    caption = (
+        "Damping and stiffness over the speed of the reference rotor; other tables have"
+        f" them at {main_speed(train):g} rpm"
+    )
+    return [_numbers(caption, columns, left="of it")]
 
 
 def _numbers(
@@ -293,7 +330,8 @@ def check_text(
     parts += _charge_table(
         train, [float(response.rpm) for response in responses], places
     )
-    ratios = tooth_damping_ratios(train)
+    parts += over_speed_table(train)
+    ratios = tooth_damping_ratios(at_own_speed(train))
     rows = [
         [
             name,
@@ -410,9 +448,16 @@ def check_record(
     """The record of ``check --json`` but for the modes, SI units, lists over the
     speeds; ratios of two gears alone.
     """
-    ratios = tooth_damping_ratios(train)
+    constant = at_own_speed(train)
+    ratios = tooth_damping_ratios(constant)
     speeds = [float(response.rpm) for response in responses]
-    return {
+    over_rpm = {
+        f"{train.topology.names_of(table)[i]}.{field}": np.asarray(
+            getattr(train.table(table), f"{field}_over_rpm")[i, :count]
+        ).tolist()
+        for table, field, i, count in train.topology.rpm_tables
+    }
+    return ({"over_rpm": over_rpm} if over_rpm else {}) | {
         "scene": train.topology.name,
         "rpm": speeds,
         "mean_torque_Nm": {
@@ -422,8 +467,8 @@ def check_record(
             name: {
                 "mean_force": _means(responses, name),
                 "damping_ratio": ratios[i],
-                "stiffness": train.meshes.stiffness[i],
-                "damping": train.meshes.damping[i],
+                "stiffness": constant.meshes.stiffness[i],
+                "damping": constant.meshes.damping[i],
                 "backlash": train.meshes.backlash[i],
             }
             for i, name in enumerate(train.topology.mesh_names)

@@ -316,8 +316,9 @@ def hold_errors(parts: Parts, main: int | None) -> list[str]:
     rings = [
         (disk, n_disks + i)
         for i, disk in parts.seats("damper")
-        if not parts.usable("damper", i, "stiffness")
+        if not parts.usable("damper", i, "stiffness", "stiffness_over_rpm")
         or dampers[i].stiffness > 0
+        or any(row[1] > 0 for row in dampers[i].stiffness_over_rpm)
         or dampers[i].order is not None
     ]
     means = mean_torques(parts, scale_speeds(parts))

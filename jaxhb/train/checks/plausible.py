@@ -22,8 +22,9 @@ from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques
 from jaxhb.excitation.tables import COMPUTED
 from jaxhb.train import connections
-from jaxhb.train.excitation import speeds as speeds_of
+from jaxhb.train.excitation import main_speed, speeds as speeds_of
 from jaxhb.train.kinematics import tooth_damping_ratios
+from jaxhb.train.varying import tables_at
 
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
@@ -150,6 +151,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     """
     refuse_tracers("plausibility", train, host=True)
     train = on_host(train)
+    train = tables_at(train, main_speed(train))
     of_cylinders = _sizes, _masses, _pressures, _charges, _firings, _drives
     of_links = _disks, _inertias, _shafts, _links, _meshes, _internal
     alike: dict[tuple[str, str], list[str]] = {}
