@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb import Clutch, Cylinder, Disk, Event, Load, Shaft, Torque
+from jaxhb import Cylinder, Disk, Event, Load, Shaft, Torque
 
 SPEED = 600.0
 CYCLE = 120.0 / SPEED  # s
@@ -247,14 +247,6 @@ def test_a_train_that_runs_away_or_stops_is_refused():
     train = jaxhb.build([*driven, Torque(disk="crank", mean=-50.0)], reference="crank")
     with pytest.raises(jaxhb.SceneError, match="at free speed the train stops after"):
         jaxhb.transient(train, seconds=100.0, speed="free", rpm=600.0)
-
-
-def test_a_clutch_is_refused():
-    clutch = Event(
-        name="clutch", between=DISKS, clutch=Clutch(capacity=((0.0, 10.0), (1.0, 90.0)))
-    )
-    with pytest.raises(jaxhb.SceneError, match="event 'clutch' is a clutch, which a"):
-        jaxhb.transient(built(clutch), seconds=0.1, speed=SPEED, events="clutch")
 
 
 def test_it_says_that_jit_cannot_trace_it():
