@@ -20,7 +20,6 @@ from scipy.optimize import brentq
 from scipy.special import wofz
 
 import jaxhb
-
 from jaxhb import Cylinder, Damper, Disk, Ground, Load, Mesh, Phase, Shaft, Torque
 
 RPM = np.pi / 30

@@ -192,7 +192,10 @@ def hammering(recorder, options):
         )
     print(f"    table {rival.table_seconds:.3f} s, steps {rival.step_seconds:.3f} s")
     peaks_of(train, steady)  # compiles
-    for word, more in (("jaxhb", {}), ("jaxhb, 2000 instants a second", {"record": 2000.0})):
+    for word, more in (
+        ("jaxhb", {}),
+        ("jaxhb, 2000 instants a second", {"record": 2000.0}),
+    ):
         runs = [peaks_of(train, steady, **more) for _ in range(options.repeats)]
         peaks, found, seconds = min(runs, key=lambda run: run[2])
         recorder.add(
@@ -297,9 +300,7 @@ def two_stroke_plant(disks=60, cylinders=7):
     line = disks - cylinders - 4
     names = ["free end", *(f"cyl{k}" for k in range(1, cylinders + 1)), "flywheel"]
     parts = [Disk(name="free end", inertia=3000.0)]
-    parts += [
-        Disk(name=name, inertia=12000.0, damping=800.0) for name in names[1:-1]
-    ]
+    parts += [Disk(name=name, inertia=12000.0, damping=800.0) for name in names[1:-1]]
     parts.append(Disk(name="flywheel", inertia=20000.0))
     parts += [Disk(name=f"line {k}", inertia=120.0) for k in range(line)]
     parts.append(Disk(name="propeller", inertia=60000.0, damping=25000.0))
@@ -326,9 +327,7 @@ def two_stroke_plant(disks=60, cylinders=7):
         )
         for k in range(1, cylinders + 1)
     ]
-    parts.append(
-        Load(disk="propeller", harmonics=((4.0, 0.05, 0.0), (8.0, 0.01, 0.0)))
-    )
+    parts.append(Load(disk="propeller", harmonics=((4.0, 0.05, 0.0), (8.0, 0.01, 0.0))))
     return parts
 
 
@@ -483,7 +482,9 @@ def jaxhb_chain(inertia, stiffness, damping, ground, refine=1):
         Disk(name=f"m{k}", inertia=inertia[k], damping=ground[k]) for k in range(count)
     ]
     parts += [
-        Shaft(between=(f"m{k}", f"m{k + 1}"), stiffness=stiffness[k], damping=damping[k])
+        Shaft(
+            between=(f"m{k}", f"m{k + 1}"), stiffness=stiffness[k], damping=damping[k]
+        )
         for k in range(count - 1)
     ]
     parts.append(Event(name="step", disk=f"m{count - 1}", begin=STEP, step=100.0))
@@ -497,10 +498,7 @@ def jaxhb_chain(inertia, stiffness, damping, ground, refine=1):
         refine=refine,
     )
     return np.array(
-        [
-            float(found.torque(f"m{k}", f"m{k + 1}").peak)
-            for k in range(count - 1)
-        ]
+        [float(found.torque(f"m{k}", f"m{k + 1}").peak) for k in range(count - 1)]
     )
 
 
@@ -595,9 +593,7 @@ def derivative(recorder, options):
             change = float(peak(at + step)) - float(peak(at - step))
             expected.append(change / (2 * step[k]))
         expected = np.array(expected)
-        size = np.maximum(
-            np.abs(expected * at), 1e-3 * np.abs(expected * at).max()
-        )
+        size = np.maximum(np.abs(expected * at), 1e-3 * np.abs(expected * at).max())
         recorder.add(
             part="derivative",
             case=f"{name}, backwards",
@@ -645,9 +641,7 @@ print(*times, memory, slope)
 def backward(recorder, options):
     """Gradient of a run-up of 10 s."""
     for name, record in (("all instants", None), ("2000 instants a second", 2000.0)):
-        program = BACKWARD.format(
-            low=LOW, high=HIGH, seconds=DURATION, record=record
-        )
+        program = BACKWARD.format(low=LOW, high=HIGH, seconds=DURATION, record=record)
         ended = subprocess.run(
             [sys.executable, "-c", program], capture_output=True, text=True, check=True
         )

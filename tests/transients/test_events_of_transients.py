@@ -140,9 +140,7 @@ def test_fuel_multiplies_gas_torques_and_torques_that_drive():
     found = jaxhb.transient(
         event, seconds=4 * CYCLE, speed=SPEED, events=["fuel"], start="rest"
     )
-    compare(
-        found, *in_two_parts(TRAIN, weak, (2 * CYCLE, 2 * CYCLE), (SPEED, SPEED))
-    )
+    compare(found, *in_two_parts(TRAIN, weak, (2 * CYCLE, 2 * CYCLE), (SPEED, SPEED)))
 
 
 def test_sequences_begin_their_events_later():
@@ -231,18 +229,24 @@ def test_what_cannot_be_is_refused_in_a_sentence(case):
 
 
 def test_a_load_without_a_law_has_no_free_speed():
-    with pytest.raises(jaxhb.SceneError, match="has no law over the speed: give a load"):
+    with pytest.raises(
+        jaxhb.SceneError, match="has no law over the speed: give a load"
+    ):
         jaxhb.transient(built(law=False), seconds=1.0, speed="free", rpm=600.0)
 
 
 def test_a_train_that_runs_away_or_stops_is_refused():
     driven = [part for part in parts() if not isinstance(part, Cylinder)]
     away = [
-        part if not isinstance(part, Load) else Load(disk="flywheel", over_rpm=((1, 1.0), (2, 1.0)))
+        part
+        if not isinstance(part, Load)
+        else Load(disk="flywheel", over_rpm=((1, 1.0), (2, 1.0)))
         for part in driven
     ]
     train = jaxhb.build([*away, Torque(disk="crank", mean=500.0)], reference="crank")
-    with pytest.raises(jaxhb.SceneError, match="the train runs away: .* rpm are passed"):
+    with pytest.raises(
+        jaxhb.SceneError, match="the train runs away: .* rpm are passed"
+    ):
         jaxhb.transient(train, seconds=100.0, speed="free", rpm=600.0)
     train = jaxhb.build([*driven, Torque(disk="crank", mean=-50.0)], reference="crank")
     with pytest.raises(jaxhb.SceneError, match="at free speed the train stops after"):
@@ -254,7 +258,9 @@ def test_it_says_that_jit_cannot_trace_it():
         train = TRAIN.replace({"crank.damping": damping})
         return jaxhb.transient(train, seconds=0.1, speed=SPEED, start="rest").rpm[-1]
 
-    with pytest.raises(TypeError, match="jit and vmap cannot trace it: call it outside"):
+    with pytest.raises(
+        TypeError, match="jit and vmap cannot trace it: call it outside"
+    ):
         jax.jit(peak)(2.0)
 
 

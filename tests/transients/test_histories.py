@@ -47,7 +47,9 @@ def test_a_part_keeps_its_instants_and_its_elastic_values():
     part = signal.between(1.0, 1.5)
     assert (part.time[0], part.time[-1]) == (1.0, 1.5)
     np.testing.assert_array_equal(part.elastic.values, part.time**2)
-    with pytest.raises(ValueError, match="no two instants: the signal goes from 0 to 4"):
+    with pytest.raises(
+        ValueError, match="no two instants: the signal goes from 0 to 4"
+    ):
         signal.between(7.0, 8.0)
     with pytest.raises(AttributeError, match="no elastic part"):
         _ = part.elastic.elastic
@@ -58,7 +60,8 @@ def test_the_envelope_holds_the_extremes_of_every_window():
     envelope = growing.envelope(0.5)
     assert len(envelope.time) == 9  # the last instant begins one of its own
     for k in range(8):
-        inside = (TIME > 0.5 * k - 1e-9) & (TIME < 0.5 * (k + 1) - 1e-9)
+        begin = 0.5 * k
+        inside = (begin - 1e-9 < TIME) & (begin + 0.5 - 1e-9 > TIME)
         values = growing.values[inside]
         # Vertices exceed samples by (40 x 140 x 1e-4)^2 / 8 of 5 at most.
         assert envelope.highest[k] == pytest.approx(values.max(), rel=0.05)
