@@ -107,9 +107,9 @@ def linear_plant(seed, *, held=True, law=False, meshing=True):
         Load(
             disk="machine",
             harmonics=rows(draw, (2.0, 4.0), 0.2),
-            **{"law": "propeller", "rated_torque": 1500.0, "rated_rpm": 1200.0}
-            if law
-            else {},
+            law="propeller" if law else "",
+            rated_torque=1500.0 if law else None,
+            rated_rpm=1200.0 if law else None,
         ),
         Phase(name="late", of=("valves",), angle=40.0),
     ]
