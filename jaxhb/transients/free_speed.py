@@ -218,18 +218,20 @@ def _free_again(
     rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
     speeds = np.asarray(rotation.omega) * (30 / np.pi)
     title = values.topology.title
-    if not np.all(np.isfinite(speeds)) or speeds.max() > 0.99 * highest:
-        time = steps.borders[np.argmax(~(speeds <= 0.99 * highest))]
+    # Where speeds turn negative torques have no law: what follows means nothing.
+    stopped = np.append(np.flatnonzero(speeds < 0), len(speeds))[0]
+    away = np.append(np.flatnonzero(~(speeds <= 0.99 * highest)), len(speeds))[0]
+    if away < stopped:
         raise SceneError(
             f"{title}: at free speed the train runs away: {0.99 * highest:.5g} rpm are"
-            f" passed after {time:.3g} s. Correct the mean torques or the laws of"
-            " loads."
+            f" passed after {steps.borders[away]:.3g} s. Correct the mean torques or"
+            " the laws of loads."
         )
-    if speeds.min() < 0:
-        time = steps.borders[np.argmax(speeds < 0)]
+    if stopped < len(speeds):
         raise SceneError(
-            f"{title}: at free speed the train stops after {time:.3g} s. Ask for fewer"
-            " seconds, or correct the mean torques or the laws of loads."
+            f"{title}: at free speed the train stops after"
+            f" {steps.borders[stopped]:.3g} s. Ask for fewer seconds, or correct the"
+            " mean torques or the laws of loads."
         )
     after = SpeedTable(steps.borders, speeds)
     return Plan(after, course(values, plan.course.listed, after), free=True)
