@@ -56,18 +56,10 @@ class MeanRotation:
     disturbance: Disturbance | None
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Rotation:
-    """Speed ``(B + 1,)`` rad/s at the borders of blocks, and its rates ``(B,)`` rad/s2
-    at their begins and ends.
-    """
-
-    omega: Array
-    first: Array
-    last: Array
-
-
+# Runge-Kutta steps of a block, without events and with torques or fuel of events that
+# may change as fast as its steps resolve: a multiple of 3.
+SUBSTEPS = 3
+SUBSTEPS_OF_EVENTS = 48
 # Events that jump at a border belong to one side of it.
 INSIDE = 1e-9
 
@@ -95,15 +87,16 @@ def _rate(
 @Program
 def free_rotation(
     mean: MeanRotation, omega: Number, borders: Array, mode: Array, begins_at: Array
-) -> Rotation:
-    """The :class:`Rotation` from a speed ``omega`` in rad/s on, with states ``(B,)`` of
-    the cylinders.
+) -> Array:
+    """Speeds ``(B, 4)`` rad/s at begin, thirds and end of blocks from a speed ``omega``
+    in rad/s on, with states ``(B,)`` of the cylinders.
 
     borders ``(B + 1,)`` s; begins_at ``(E,)``: the block with which each torque begins,
     whose angle it counts from.
     """
     mean, borders, mode = jax.tree.map(jnp.asarray, (mean, borders, mode))
     begins_at = jnp.asarray(begins_at)
+    substeps = SUBSTEPS if mean.disturbance is None else SUBSTEPS_OF_EVENTS
 
     def block(
         carry: tuple[jax.Array, jax.Array, jax.Array], row: Any
@@ -112,29 +105,40 @@ def free_rotation(
         begin, duration, mode, number = row
         starts = jnp.where(begins_at == number, angle, starts)
 
-        def slope(share: float, omega: Array, angle: Array) -> Array:
-            seconds = begin + share * duration
+        def slope(share: Number, omega: Array, angle: Array) -> Array:
+            inside = jnp.clip(share, INSIDE, 1 - INSIDE)
+            seconds = begin + inside * duration
             return _rate(mean, seconds, omega, angle, mode, starts)
 
-        half = duration / 2
-        first = slope(INSIDE, omega, angle)
-        second_omega = omega + half * first
-        second = slope(0.5, second_omega, angle + half * omega)
-        third_omega = omega + half * second
-        third = slope(0.5, third_omega, angle + half * second_omega)
-        fourth_omega = omega + duration * third
-        fourth = slope(1 - INSIDE, fourth_omega, angle + duration * third_omega)
-        after = omega + duration / 6 * (first + 2 * second + 2 * third + fourth)
-        mean_omega = omega + duration / 6 * (first + second + third)
-        turned = angle + duration * mean_omega
-        last = slope(1 - INSIDE, after, turned)
-        return (after, turned, starts), (after, first, last)
+        def substep(k: Array, values: tuple[Array, Array]) -> tuple[Array, Array]:
+            omega, angle = values
+            share = k / substeps
+            h = duration / substeps
+            first = slope(share, omega, angle)
+            second_omega = omega + h / 2 * first
+            middle = share + 0.5 / substeps
+            second = slope(middle, second_omega, angle + h / 2 * omega)
+            third_omega = omega + h / 2 * second
+            third = slope(middle, third_omega, angle + h / 2 * second_omega)
+            fourth_omega = omega + h * third
+            end = share + 1 / substeps
+            fourth = slope(end, fourth_omega, angle + h * third_omega)
+            turned = omega + h / 6 * (first + second + third)
+            change = h / 6 * (first + 2 * second + 2 * third + fourth)
+            return omega + change, angle + h * turned
+
+        at_thirds = [omega]
+        for part in range(3):
+            steps = (part * substeps // 3, (part + 1) * substeps // 3)
+            omega, angle = lax.fori_loop(*steps, substep, (omega, angle))
+            at_thirds.append(omega)
+        return (omega, angle, starts), jnp.stack(at_thirds)
 
     rows = (borders[:-1], jnp.diff(borders), mode, jnp.arange(len(mode)))
     omega = jnp.asarray(omega, dtype=float)
     begin = (omega, jnp.zeros(()), jnp.full(len(begins_at), jnp.inf))
-    _, (after, first, last) = lax.scan(block, begin, rows)
-    return Rotation(jnp.append(omega, after), first, last)
+    _, speeds = lax.scan(block, begin, rows)
+    return speeds
 
 
 @dataclass(frozen=True)
@@ -215,8 +219,8 @@ def _free_again(
     disturbance = disturbance_of(values, present)
     mean = mean_rotation(values, present, table, disturbance)
     mode = plan.course.mode(steps.begin)
-    rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
-    speeds = np.asarray(rotation.omega) * (30 / np.pi)
+    omega = np.asarray(rotated(mean, rpm, steps.borders, mode, plan.course))
+    speeds = np.append(omega[:, 0], omega[-1, -1]) * (30 / np.pi)
     title = values.topology.title
     # Where speeds turn negative torques have no law: what follows means nothing.
     stopped = np.append(np.flatnonzero(speeds < 0), len(speeds))[0]
@@ -271,15 +275,14 @@ def rotated(
     borders: np.ndarray,
     mode: np.ndarray,
     plan: Course,
-) -> Rotation:
-    """The :class:`Rotation` between borders of blocks ``(B + 1,)`` s."""
+) -> Array:
+    """Speeds ``(B, 4)`` rad/s at begin, thirds and end of blocks between borders ``(B +
+    1,)`` s.
+    """
     count = len(mode)
     # Few lengths, so that few programs are compiled
     room = 1 << int(np.ceil(np.log2(count)))
     longer = np.append(borders, np.full(room - count, borders[-1]))
     modes = np.append(mode, np.full(room - count, mode[-1]))
     begins_at = np.searchsorted(borders, plan.torque_begins - 1e-9)
-    rotation = free_rotation(mean, rpm * np.pi / 30, longer, modes, begins_at)
-    return Rotation(
-        rotation.omega[: count + 1], rotation.first[:count], rotation.last[:count]
-    )
+    return free_rotation(mean, rpm * np.pi / 30, longer, modes, begins_at)[:count]

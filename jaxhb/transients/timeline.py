@@ -189,22 +189,14 @@ def blocks_of_table(grid: Grid, table: SpeedTable, mode: np.ndarray) -> Blocks:
     )
 
 
-def blocks_of_rates(
-    grid: Grid, omega: Array, first: Array, last: Array, mode: np.ndarray
-) -> Blocks:
-    """The :class:`Blocks` of speeds ``(B + 1,)`` rad/s at the borders and their rates
-    ``(B,)`` rad/s2 at begin and end of the blocks: a cubic in each.
+def blocks_of_speeds(grid: Grid, omega: Array, mode: np.ndarray) -> Blocks:
+    """The :class:`Blocks` of speeds ``(B, 4)`` rad/s at their begins, thirds and ends:
+    the cubic through these in each.
     """
-    xp = namespace(omega, first, last)
-    duration = STEPS * grid.step
-    first = first * duration
-    last = last * duration
-    change = omega[1:] - omega[:-1]
-    cubic = xp.stack(
-        [omega[:-1], first, 3 * change - 2 * first - last, first + last - 2 * change],
-        axis=1,
-    )
-    turned = (cubic / np.arange(1.0, 5.0)).sum(axis=1) * duration
+    xp = namespace(omega)
+    shares = np.arange(4) / 3
+    cubic = omega @ np.linalg.inv(_powers(shares))
+    turned = (cubic / np.arange(1.0, 5.0)).sum(axis=1) * (STEPS * grid.step)
     angle = xp.concatenate([xp.zeros(1), xp.cumsum(turned)[:-1]])
     return Blocks(
         begin=grid.begin,

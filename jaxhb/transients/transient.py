@@ -39,7 +39,7 @@ from jaxhb.transients.timeline import (
     Blocks,
     Grid,
     SpeedTable,
-    blocks_of_rates,
+    blocks_of_speeds,
     blocks_of_table,
     grid,
     padded,
@@ -173,10 +173,8 @@ def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) ->
         return blocks_of_table(steps, plan.table, mode)
     mean = mean_rotation(train, plan.course, marching.torques, marching.disturbance)
     rpm = float(plan.table.rpm[0])
-    rotation = rotated(mean, rpm, steps.borders, mode, plan.course)
-    if not traced(rotation):
-        rotation = jax.tree.map(np.asarray, rotation)
-    return blocks_of_rates(steps, rotation.omega, rotation.first, rotation.last, mode)
+    omega = rotated(mean, rpm, steps.borders, mode, plan.course)
+    return blocks_of_speeds(steps, omega if traced(omega) else np.asarray(omega), mode)
 
 
 def _with_start_angles(

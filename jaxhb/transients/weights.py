@@ -192,7 +192,7 @@ def in_pairs(space: ForcedSpace, rotation: FreeRotation | None) -> ForcedSpace:
         parted = parted - 3 * scale * np.outer(rotation.speed, rotation.speed_row)
         free = np.stack([rotation.angle, rotation.speed], axis=1)
     rates, vectors = np.linalg.eig(parted)
-    if np.linalg.cond(vectors) > CONDITION:
+    if np.linalg.cond(vectors, 1) > CONDITION:
         shares = (1 + np.arange(len(A))) / len(A)
         damping = PARTING * np.abs(np.diag(A)).max() * shares
         rates, vectors = np.linalg.eig(parted - np.diag(damping))
