@@ -206,7 +206,10 @@ class History:
         if not window > 0:
             raise ValueError(f"the window is {window:g} s, must be greater than 0 s")
         time = np.asarray(self.time)
-        number_of_window = np.floor((time - time[0]) / window + 1e-9).astype(int)
+        share = (time - time[0]) / window
+        # The last instant ends a window, and has none of its own.
+        last = max(np.ceil(share[-1] - 1e-9) - 1, 0)
+        number_of_window = np.minimum(np.floor(share + 1e-9), last)
         begins = np.unique(number_of_window, return_index=True)[1]
         highest = np.maximum.reduceat(vertices(np.asarray(self.values)), begins)
         lowest = -np.maximum.reduceat(vertices(-np.asarray(self.values)), begins)

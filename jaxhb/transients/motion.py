@@ -221,9 +221,7 @@ class Transient(Motion[History, ToothContact, Array]):
         return (share * np.diff(self.time)).sum()
 
     def cycles(self, signal: History) -> CountedCycles:
-        """Cycles of a signal, counted by rainflow
-        (:func:`jaxhb.transients.fatigue.count_cycles`).
-        """
+        """Cycles of a signal, counted by rainflow (ASTM E1049)."""
         return count_cycles(signal)
 
     def damage(self, signal: History, curve: SNCurve) -> Array:
