@@ -291,7 +291,7 @@ def _line_criticals(
     if not elastic:
         return []
     every_hz, _ = line_torques(train, diagram.rpm)
-    found = []
+    criticals = []
     for hz in np.unique(np.asarray(every_hz)).tolist():
         distance = np.abs(diagram.frequencies_hz[:, elastic] - hz)
         row, column = np.unravel_index(distance.argmin(), distance.shape)
@@ -305,7 +305,7 @@ def _line_criticals(
             places = crossed or places
         for mode, rpm in places:
             modes = modes_at(rpm)
-            found.append(
+            criticals.append(
                 LineCritical(
                     hz=hz,
                     mode=mode,
@@ -316,7 +316,7 @@ def _line_criticals(
                     ),
                 )
             )
-    return found
+    return criticals
 
 
 def _line_torque(train: DriveTrain, shape: Array, hz: float, rpm: Number) -> float:

@@ -378,8 +378,8 @@ def _at_mean_loads(
     alike: dict = {}
     for place, load in enumerate(loads):
         (slopes,) = concrete(load.link_stiffness)
-        own = place if train.topology.depends_on_speed else None
-        alike.setdefault((own, *np.round(slopes, DIGITS)), []).append(place)
+        speed_group = place if train.topology.depends_on_speed else None
+        alike.setdefault((speed_group, *np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
     responses = [
         _respond_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
@@ -441,8 +441,8 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     ground = np.array(topology.ground_disk, dtype=int)
 
     def numbers_at(speed: Array) -> tuple[Law, Array, Array]:
-        own = at_speed(train, speed)
-        return law_of(own.meshes), own.disks.radius, own.grounds.stiffness
+        fixed = at_speed(train, speed)
+        return law_of(fixed.meshes), fixed.disks.radius, fixed.grounds.stiffness
 
     law, radius, ground_stiffness = jax.vmap(numbers_at)(rpm)
     return ForcedResponse(

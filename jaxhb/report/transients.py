@@ -78,7 +78,7 @@ class TransientReport:
 
     @property
     def topology(self) -> Topology:
-        """That of the train."""
+        """Topology of the train."""
         return self.run.topology
 
 

@@ -247,8 +247,10 @@ class Signal(Summarized):
             if here.any():
                 return (np.where(here, 1.0, 0.0) * self.lines.amplitudes).sum(axis=-1)
             listed = np.unique(frequencies).tolist()
-        known = ", ".join(f"{each:.12g}" for each in listed) or "none"
-        raise ValueError(f"there is no line at {hz:g} Hz; lines in Hz: {known}")
+        frequencies_text = ", ".join(f"{each:.12g}" for each in listed) or "none"
+        raise ValueError(
+            f"there is no line at {hz:g} Hz; lines in Hz: {frequencies_text}"
+        )
 
     def by_line(self) -> dict[float, Array]:
         """Amplitude ``(...)`` of every line by its frequency in Hz, rising; of numbers

@@ -47,13 +47,13 @@ def occurrences(train: DriveTrain, names: Sequence[str]) -> list[Occurrence]:
         names = (names,)
     topology = train.topology
     sequences = train.sequences
-    known = (*topology.names_of("event"), *sequences)
-    unknown = [name for name in names if name not in known]
+    allowed = (*topology.names_of("event"), *sequences)
+    unknown = [name for name in names if name not in allowed]
     if unknown:
         raise SceneError(
             [
                 f"{topology.title}: there is no event or sequence"
-                f" {shown(name)}.{suggestion(name, known)}"
+                f" {shown(name)}.{suggestion(name, allowed)}"
                 for name in unknown
             ]
         )
@@ -259,8 +259,8 @@ def without_fuel(train: DriveTrain) -> DriveTrain:
     )
     if numbers.lines is not None:
         # The frequencies stay.
-        kept = xp.stack([xp.ones_like(driving), ~driving, ~driving], axis=-1)
-        idle = dataclasses.replace(idle, lines=kept[:, None] * numbers.lines)
+        unchanged = xp.stack([xp.ones_like(driving), ~driving, ~driving], axis=-1)
+        idle = dataclasses.replace(idle, lines=unchanged[:, None] * numbers.lines)
     return with_table(train, "torque", idle)
 
 

@@ -178,24 +178,24 @@ class History:
     def at(self, seconds: float | Array) -> Array:
         """Values at instants in s, on cubics through four neighbours."""
         xp = namespace(self.values)
-        asked = np.asarray(seconds, dtype=float)
+        instants = np.asarray(seconds, dtype=float)
         time = np.asarray(self.time)
-        if np.any(asked < time[0] - 1e-9) or np.any(asked > time[-1] + 1e-9):
+        if np.any(instants < time[0] - 1e-9) or np.any(instants > time[-1] + 1e-9):
             raise ValueError(
                 f"the signal goes from {time[0]:g} to {time[-1]:g} s, and"
-                f" {asked.min():g} to {asked.max():g} s were asked for"
+                f" {instants.min():g} to {instants.max():g} s were asked for"
             )
         if len(time) < 4:
-            return xp.interp(asked, time, self.values)
-        first = np.clip(np.searchsorted(time, asked) - 2, 0, len(time) - 4)
+            return xp.interp(instants, time, self.values)
+        first = np.clip(np.searchsorted(time, instants) - 2, 0, len(time) - 4)
         places = first[..., None] + np.arange(4)
         nodes = time[places]
-        total: Array = xp.zeros(asked.shape)
+        total: Array = xp.zeros(instants.shape)
         for k in range(4):
-            others = [j for j in range(4) if j != k]
-            weight = np.ones(asked.shape)
-            for j in others:
-                weight = weight * (asked - nodes[..., j])
+            remaining = [j for j in range(4) if j != k]
+            weight = np.ones(instants.shape)
+            for j in remaining:
+                weight = weight * (instants - nodes[..., j])
                 weight = weight / (nodes[..., k] - nodes[..., j])
             total = total + weight * self.values[places[..., k]]
         return total

@@ -362,8 +362,8 @@ def first_instant(
         carried = marching.slipping.force(numbers[0], slip, *numbers[1:])
     loads = _kept_loads(marching, half_steps.loads[0])
     teeth = jnp.concatenate([w, carried])
-    kept = Marched(state[None, None], loads[None, None], teeth[None, None])
-    return Instant(state, slip), kept
+    marched = Marched(state[None, None], loads[None, None], teeth[None, None])
+    return Instant(state, slip), marched
 
 
 def _of_clutches(marching: Marching, w: Array) -> tuple[Array, Array]:

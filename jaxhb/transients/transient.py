@@ -302,8 +302,8 @@ def _march(
     """March through all blocks, chunk by chunk; Ctrl-C ends it."""
     count = len(blocks.begin)
     first_block = jax.tree.map(lambda values: values[0], blocks)
-    instant, kept = first_instant(marching, state, first_block)
-    instants = _Instants(kept, recording, count, traced(marching, state, blocks))
+    instant, begin = first_instant(marching, state, first_block)
+    instants = _Instants(begin, recording, count, traced(marching, state, blocks))
     # Derivatives backwards keep the state at the begin of every part alone.
     marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
     try:
@@ -354,13 +354,13 @@ class _Instants:
         """Keep the steps of the first ``size`` of some blocks."""
         places = self._recording.places
         if self._traced:
-            kept = jax.tree.map(lambda values: values[:size, places], marched)
-            self._parts.append(kept)
+            records = jax.tree.map(lambda values: values[:size, places], marched)
+            self._parts.append(records)
         else:
-            kept = jax.tree.map(
+            records = jax.tree.map(
                 lambda values: np.asarray(values)[:size][:, places], marched
             )
-            self._fill(kept, self._rows)
+            self._fill(records, self._rows)
         self.blocks += size
 
     @property

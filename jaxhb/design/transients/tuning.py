@@ -341,7 +341,7 @@ class _Descent:
             self._note(dataclasses.replace(self._last, number=len(self.history)))
 
         try:
-            found = minimize(
+            outcome = minimize(
                 self._evaluate,
                 z,
                 jac=True,
@@ -350,7 +350,7 @@ class _Descent:
                 options={"maxiter": steps, "ftol": IMPROVEMENT},
             )
             stopped = "no step wins any more"
-            if found.nit >= steps:
+            if outcome.nit >= steps:
                 stopped = f"{steps} steps are done"
         except KeyboardInterrupt:
             if not self.history:

@@ -164,14 +164,14 @@ def _beside_steady(
         )
     every = [factor * row for row in (envelope.highest, envelope.lowest)]
     every += [factor * row for row in (steady.highest, steady.lowest)]
-    known = np.concatenate(every)
+    extremes = np.concatenate(every)
     caption = (
         f"{shown.called}: largest and smallest in a cycle, beside the steady motion"
     )
     return figure(
         caption,
         across.axis,
-        [Axis(shown.title, _range(known[np.isfinite(known)]))],
+        [Axis(shown.title, _range(extremes[np.isfinite(extremes)]))],
         traces,
         height=TALL,
         bands=across.bands,
