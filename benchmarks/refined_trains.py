@@ -100,6 +100,11 @@ def refined(train, disks, *, share=SHARE):
         shaft_names=tuple(names),
         shaft_ends=tuple((int(a), int(b)) for a, b in ends),
         shaft_rules=tuple(np.repeat(old.shaft_rules, new + 1).tolist()),
+        shaft_curves=tuple(
+            curve
+            for curve, count in zip(old.shaft_curves, new + 1, strict=True)
+            for _ in range(count)
+        ),
     )
     nothing = np.zeros(extra)
     table = train.disks
