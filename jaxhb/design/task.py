@@ -54,12 +54,26 @@ def shares_of(train: DriveTrain, parameters: Sequence[Parameter]) -> np.ndarray:
     """Shares ``(P,)`` of the way between their bounds at which a train has parameters,
     as of :func:`named_at`.
     """
+    values = [float(train.value(parameter.name)) for parameter in parameters]
+    return shares_at(parameters, np.array(values))
+
+
+def shares_at(parameters: Sequence[Parameter], values: np.ndarray) -> np.ndarray:
+    """Shares ``(P,)`` of the way between their bounds of values ``(P,)`` of
+    parameters.
+    """
     low, high, ratio = scales(parameters)
-    values = np.array([float(train.value(parameter.name)) for parameter in parameters])
     log = ratio > 0
     logarithm = np.log(np.where(log, values, 1.0) / np.where(log, low, 1.0))
     linear = (values - low) / (high - low)
     return np.where(log, logarithm / np.where(log, ratio, 1.0), linear)
+
+
+def unbounded_at(shares: np.ndarray) -> np.ndarray:
+    """The z ``(P,)`` of shares, of those on a bound a little inside."""
+    with np.errstate(divide="ignore"):
+        z = np.log(shares) - np.log1p(-shares)
+    return np.clip(z, -FARTHEST, FARTHEST)
 
 
 @dataclass(frozen=True)
@@ -110,10 +124,7 @@ class Task:
 
     def unbounded(self, train: DriveTrain) -> np.ndarray:
         """The z ``(P,)`` of a train, of values on a bound a little inside."""
-        shares = shares_of(train, self.parameters)
-        with np.errstate(divide="ignore"):
-            z = np.log(shares) - np.log1p(-shares)
-        return np.clip(z, -FARTHEST, FARTHEST)
+        return unbounded_at(shares_of(train, self.parameters))
 
 
 @brief

@@ -11,7 +11,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
-from jaxhb.equations.state_space import Partition, loss_damping, partition, state_space
+from jaxhb.equations.state_space import Partition, loss_damping, state_space
 from jaxhb.equations.system import System
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.results.response import Response
@@ -89,13 +89,7 @@ class TransientEquations:
                 f"{topology.title}: derivatives of a transient take no loss factors:"
                 " apply train.with_viscous_damping(hz=...)."
             )
-        parts: Partition = partition(
-            at_hand.system,
-            at_hand.meshes,
-            topology.disk_names,
-            topology.link_names,
-            lossy=True,
-        )
+        parts = at_hand.parts
         frequency = topology.cycle_frequency(1000.0)
         damping = loss_damping(at_hand.system) if lossy else 0.0
         dense = state_space(system, meshes, frequency, parts, damping)
@@ -144,6 +138,7 @@ class TransientEquations:
         highest = float(plan.table.rpm.max())
         every = all_meshes(self.fixed)
         ranges = torques.panels(self.values, lowest, highest)
+        over_speed = self.springs.over_speed(train, ranges)
         errors = None
         if every.error is not None:
             errors = Errors(
@@ -157,7 +152,7 @@ class TransientEquations:
             contact_damping=meshes.contact_damping,
             variation=meshes.variation,
             errors=errors,
-            varying=self.springs.varying(train, self.system, ranges),
+            varying=self.springs.varying(over_speed, self.system),
             slipping=_slipping(self.system, plan.course.clutch_links(topology)),
             torques=torques.torque_table(
                 plan.course.states(train),
@@ -190,7 +185,7 @@ class TransientEquations:
             meshes=meshes,
             beside=self.at_hand.beside,
             clutches=plan.course.clutch_links(topology),
-            links_over_speed=self.springs.of_links(train, ranges),
+            links_over_speed=over_speed,
         )
         return marching, readings
 
@@ -351,17 +346,17 @@ class SpringsOverSpeed:
         seats = np.eye(len(system.mass))[:, self.disks]
         return xp.concatenate([system.incidence(self.links), seats], axis=1)
 
-    def _at(self, train: DriveTrain, ranges: np.ndarray) -> tuple[Array, Array]:
-        """Stiffness and damping ``(P, 3, links + disks)`` of all links and disks at
-        begin, middle and end of panels ``(P, 2)`` rpm.
+    def over_speed(self, train: DriveTrain, ranges: np.ndarray) -> Varying | None:
+        """Stiffness and damping of all links and disks over panels ``(P, 2)`` rpm; None
+        where nothing varies.
         """
+        if not train.topology.depends_on_speed:
+            return None
         xp = namespace(train)
         nodes = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
 
         def at(rpm: Number) -> tuple[Array, Array]:
-            system = chain.assemble(train, rpm)
-            stiffness = xp.concatenate([system.stiffness, system.ground])
-            return stiffness, xp.concatenate([system.viscous, system.damping])
+            return _springs_of(chain.assemble(train, rpm))
 
         both: list[Array]
         if xp is np:
@@ -371,36 +366,32 @@ class SpringsOverSpeed:
             both = [*jax.vmap(at)(nodes.ravel())]
         stiffness, viscous = both
         shape = (*nodes.shape, stiffness.shape[-1])
-        return stiffness.reshape(shape), viscous.reshape(shape)
+        return Varying(
+            ranges * (np.pi / 30), stiffness.reshape(shape), viscous.reshape(shape)
+        )
 
-    def varying(
-        self, train: DriveTrain, system: System, ranges: np.ndarray
-    ) -> Varying | None:
+    def varying(self, over_speed: Varying | None, system: System) -> Varying | None:
         """The :class:`Varying` beside a System; None where nothing varies."""
-        if not train.topology.depends_on_speed:
+        if over_speed is None:
             return None
-        xp = namespace(train)
-        stiffness, viscous = self._at(train, ranges)
+        stiffness, viscous = _springs_of(system)
         chosen = np.concatenate([self.links, len(system.stiffness) + self.disks])
-        linear = xp.concatenate([system.stiffness, system.ground])
-        damping = xp.concatenate([system.viscous, system.damping])
         return Varying(
-            ranges * (np.pi / 30),
-            (stiffness - linear)[..., chosen],
-            (viscous - damping)[..., chosen],
+            over_speed.omega,
+            (over_speed.stiffness - stiffness)[..., chosen],
+            (over_speed.viscous - viscous)[..., chosen],
         )
 
-    def of_links(self, train: DriveTrain, ranges: np.ndarray) -> Varying | None:
-        """Stiffness and damping of all links over the speed; None where nothing
-        varies.
-        """
-        if not train.topology.depends_on_speed:
-            return None
-        count = len(train.topology.link_names)
-        stiffness, viscous = self._at(train, ranges)
-        return Varying(
-            ranges * (np.pi / 30), stiffness[..., :count], viscous[..., :count]
-        )
+
+def _springs_of(system: System) -> tuple[Array, Array]:
+    """Stiffness N/m and damping N s/m of all links, and behind them of the grounds and
+    to ground of all disks.
+    """
+    xp = namespace(system)
+    return (
+        xp.concatenate([system.stiffness, system.ground]),
+        xp.concatenate([system.viscous, system.damping]),
+    )
 
 
 def springs_over_speed(train: DriveTrain, system: System) -> SpringsOverSpeed:

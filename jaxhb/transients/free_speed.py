@@ -36,7 +36,13 @@ from jaxhb.transients.course import (
     event_corners,
 )
 from jaxhb.transients.events import Disturbance
-from jaxhb.transients.timeline import STEPS, SpeedTable, check_seconds, grid
+from jaxhb.transients.timeline import (
+    INSIDE,
+    STEPS,
+    SpeedTable,
+    check_seconds,
+    grid,
+)
 from jaxhb.transients.torques import TorqueTable, means
 
 FREE_STEPS = 2048  # of the first integration of a free speed
@@ -60,8 +66,6 @@ class MeanRotation:
 # may change as fast as its steps resolve: a multiple of 3.
 SUBSTEPS = 3
 SUBSTEPS_OF_EVENTS = 48
-# Events that jump at a border belong to one side of it.
-INSIDE = 1e-9
 
 
 def _rate(

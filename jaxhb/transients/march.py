@@ -21,7 +21,7 @@ from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import propagated
 from jaxhb.transients.events import Disturbance
-from jaxhb.transients.timeline import STEPS, Blocks
+from jaxhb.transients.timeline import INSIDE, STEPS, Blocks
 from jaxhb.transients.torques import (
     TorqueTable,
     fuelled,
@@ -31,9 +31,7 @@ from jaxhb.transients.torques import (
 )
 from jaxhb.transients.weights import StepWeights
 
-# Half steps of a block as shares of its time. The first and the last lie inside: events
-# that jump at a border belong to one side of it.
-INSIDE = 1e-9
+# Half steps of a block as shares of its time
 SHARES = np.clip(np.arange(2 * STEPS + 1) / (2 * STEPS), INSIDE, 1 - INSIDE)
 ENDS = np.array([INSIDE, 0.5, 1 - INSIDE])
 # Harmonics up to which powers are made by products, a line of the program each

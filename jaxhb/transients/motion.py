@@ -67,7 +67,8 @@ class Readings:
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
     beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
-    links_over_speed : stiffness and viscous of all links where any depends on it;
+    links_over_speed : stiffness and viscous of all links, and of disks behind them,
+    where any depends on it;
     clutches ``(C,)`` : links with clutches.
     """
 

@@ -18,6 +18,9 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.train.speeds import HIGHEST_RPM
 
 STEPS = 64  # of a block
+# Share of a block by which instants at its borders lie inside: events that jump at a
+# border belong to one side of it.
+INSIDE = 1e-9
 # Blocks of a second, at least, however slow the train turns
 SLOWEST = 4.0
 # Borders nearer than this share of a transient are one.

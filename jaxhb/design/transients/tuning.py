@@ -15,7 +15,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.design.quantities import Parameter
-from jaxhb.design.task import FARTHEST, named_at, scales
+from jaxhb.design.task import named_at, shares_at, unbounded_at
 from jaxhb.elements.sentences import SceneError
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.transients.motion import Transient
@@ -252,16 +252,8 @@ class _Descent:
 
     def _start(self) -> np.ndarray:
         """The z ``(P,)`` of the train, of values on a bound a little inside."""
-        low, high, ratio = scales(self.parameters)
-        values = np.array([read_number(self.train, p.name) for p in self.parameters])
-        log = ratio > 0
-        with np.errstate(divide="ignore"):
-            in_ratio = np.log(np.where(log, values / low, 1.0)) / np.where(
-                log, ratio, 1.0
-            )
-            shares = np.where(log, in_ratio, (values - low) / (high - low))
-            z = np.log(shares) - np.log1p(-shares)
-        return np.clip(z, -FARTHEST, FARTHEST)
+        values = [read_number(self.train, p.name) for p in self.parameters]
+        return unbounded_at(shares_at(self.parameters, np.array(values)))
 
     def _numbers(self, z: Array) -> dict[str, Any]:
         """Parameters by name."""
