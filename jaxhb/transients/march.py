@@ -33,7 +33,6 @@ from jaxhb.transients.weights import StepWeights
 
 # Half steps of a block as shares of its time
 SHARES = np.clip(np.arange(2 * STEPS + 1) / (2 * STEPS), INSIDE, 1 - INSIDE)
-ENDS = np.array([INSIDE, 0.5, 1 - INSIDE])
 # Harmonics up to which powers are made by products, a line of the program each
 MOST_POWERS = 64
 
@@ -211,28 +210,22 @@ def _torques(
     seconds = block.begin + SHARES * block.duration
     at_lines = jnp.exp(2j * jnp.pi * seconds[:, None] * table.hz)
     turning = jnp.concatenate([turning[:, : table.highest + 1], at_lines], axis=1)
-    omega = block.speeds(ENDS)
-    panel = panel_of(table.omega, omega[1])
-
-    def nodes(harmonics: Array) -> Array:
-        return jnp.stack(parabola(*harmonics[block.mode, panel]))
-
-    powers = powers_in_panel(table.omega, panel, omega) + 0j
+    omega = block.speeds(SHARES)
+    panel = panel_of(table.omega, omega[STEPS])
+    powers = powers_in_panel(table.omega, panel, omega)
 
     def at_times(harmonics: Array) -> Array:
-        return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
+        # The torques of a panel are parabolas over the speed, those that balance the
+        # acceleration are constant: at free speed there are none.
+        constant, linear, square = parabola(*harmonics[block.mode, panel])
+        constant = constant + acceleration[STEPS] * table.accelerating
+        values = _values(turning, jnp.concatenate([constant, linear, square]))
+        return jnp.einsum("tkd,tk->td", values.reshape(len(powers), 3, -1), powers)
 
-    factor: Array = jnp.ones(len(ENDS))
+    factor: Array = jnp.ones(1)
     if marching.disturbance is not None:
-        factor = marching.disturbance.fuel(block.begin + ENDS * block.duration)
-    harmonics = fuelled(table, at_times, factor[:, None, None])
-    at_ends = acceleration[np.array([0, STEPS, -1]), None, None]
-    harmonics = harmonics + at_ends * table.accelerating
-    over_time = parabola(harmonics[0], harmonics[1], harmonics[2])
-    values = _values(turning, jnp.concatenate(over_time))
-    constant, linear, square = jnp.split(values, 3, axis=1)
-    shares = SHARES[:, None]
-    return constant + shares * (linear + shares * square)
+        factor = marching.disturbance.fuel(seconds)
+    return fuelled(table, at_times, factor[:, None])
 
 
 def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:

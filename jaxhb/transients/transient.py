@@ -31,7 +31,7 @@ from jaxhb.transients.course import (
     refuse_moving_jumps,
 )
 from jaxhb.transients.equations import TransientEquations
-from jaxhb.transients.free_speed import Plan, free_plan, mean_rotation, rotated
+from jaxhb.transients.free_speed import Plan, free_blocks, free_plan, mean_rotation
 from jaxhb.transients.march import Marched, Marching, first_instant, march
 from jaxhb.transients.motion import Readings, Transient
 from jaxhb.transients.timeline import (
@@ -39,7 +39,6 @@ from jaxhb.transients.timeline import (
     Blocks,
     Grid,
     SpeedTable,
-    blocks_of_speeds,
     blocks_of_table,
     grid,
     padded,
@@ -147,8 +146,12 @@ def transient(
     listed = occurrences(values, events)
     refuse_clutches(values.topology, listed)
     refuse_moving_jumps(train, listed)
+    if not (isinstance(refine, int) and refine >= 1):
+        raise SceneError(
+            f"transient: refine is {refine!r}, must be a whole number of at least 1."
+        )
     if isinstance(speed, str):
-        plan = free_plan(values, seconds, speed, rpm, listed)
+        plan = free_plan(values, seconds, speed, rpm, listed, refine)
     else:
         table = speed_table(seconds, speed, rpm)
         _check_balance(values, table)
@@ -160,7 +163,8 @@ def transient(
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
     state = equations.begin(start, plan)
-    notes = (*equations.notes, *equations.notes_on_start(start, plan))
+    on_start = equations.notes_on_start(start, plan)
+    notes = (*equations.notes, *plan.notes, *on_start)
     recording = _Recording.of(blocks, record, len(equations.space.coordinates))
     instants = _march(marching, state, blocks, recording, progress)
     return _result(train, blocks, recording, instants, readings, notes)
@@ -168,13 +172,10 @@ def transient(
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
     """The :class:`Blocks` of a transient."""
-    mode = plan.course.mode(steps.begin)
     if not plan.free:
-        return blocks_of_table(steps, plan.table, mode)
+        return blocks_of_table(steps, plan.table, plan.course.mode(steps.begin))
     mean = mean_rotation(train, plan.course, marching.torques, marching.disturbance)
-    rpm = float(plan.table.rpm[0])
-    omega = rotated(mean, rpm, steps.borders, mode, plan.course)
-    return blocks_of_speeds(steps, omega if traced(omega) else np.asarray(omega), mode)
+    return free_blocks(mean, float(plan.table.rpm[0]), steps, plan.course)
 
 
 def _with_start_angles(
@@ -215,10 +216,6 @@ def _grid(
     """The :class:`Grid` of the steps."""
     values = equations.values
     title = values.topology.title
-    if not (isinstance(refine, int) and refine >= 1):
-        raise SceneError(
-            f"transient: refine is {refine!r}, must be a whole number of at least 1."
-        )
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
     wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
