@@ -234,9 +234,10 @@ def march_parts(train, steady):
     plan = Plan(table, course(values, occurrences(values, ()), table), free=False)
     equations = TransientEquations.of(train, values, plan)
     steps = transient._grid(equations, plan, DURATION, 1)
-    marching, _ = equations.marching(plan, steps)
+    prepared = equations.set_up(plan, steps)
+    marching = prepared.marching
     blocks = transient.blocks_of(train, plan, steps, marching)
-    state = equations.begin(steady, plan)
+    state = equations.begin(prepared.coordinates, steady, plan)
     seconds = {"equations, weights, panels": time.perf_counter() - begin}
     count = transient.CHUNK
     parts = [

@@ -155,15 +155,16 @@ def transient(
         plan = Plan(table, course(values, listed, table), free=False)
     equations = TransientEquations.of(train, values, plan)
     steps = _grid(equations, plan, seconds, refine)
-    marching, readings = equations.marching(plan, steps)
+    prepared = equations.set_up(plan, steps)
+    marching = prepared.marching
     blocks = blocks_of(train, plan, steps, marching)
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
-    state = equations.begin(start, plan)
+    state = equations.begin(prepared.coordinates, start, plan)
     notes = (*equations.notes, *equations.notes_on_start(start, plan))
-    recording = _Recording.of(blocks, record, len(equations.space.coordinates))
+    recording = _Recording.of(blocks, record, len(prepared.coordinates))
     instants = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, instants, readings, notes)
+    return _result(train, blocks, recording, instants, prepared.readings, notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
