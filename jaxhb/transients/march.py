@@ -9,6 +9,7 @@ Krogstad's scheme (:mod:`jaxhb.integration.step`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -146,7 +147,7 @@ class Marching:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marched:
-    """Steps of blocks ``(B, STEPS, ...)``, each at its end: states ``(n,)``, loads
+    """Some steps of blocks ``(B, steps, ...)``, each at its end: states ``(n,)``, loads
     ``(C,)`` or none; teeth : deflections and rates of meshes, springs and clutches, and
     forces of clutches in N.
     """
@@ -165,17 +166,18 @@ class Instant:
     slip: Array
 
 
-@Program
+@partial(Program, static_argnames="stride")
 def march(
-    marching: Marching, begin: Instant, blocks: Blocks
+    marching: Marching, begin: Instant, blocks: Blocks, stride: int = 1
 ) -> tuple[Instant, Marched]:
     """March from an instant through blocks: the instant at the end, and the
-    :class:`Marched`.
+    :class:`Marched` of every ``stride``-th step.
     """
     marching, begin, blocks = jax.tree.map(jnp.asarray, (marching, begin, blocks))
 
     def block(instant: Instant, one_block: Blocks) -> tuple[Instant, Marched]:
-        return _block(marching, instant, one_block)
+        after, marched = _block(marching, instant, one_block)
+        return after, jax.tree.map(lambda rows: rows[stride - 1 :: stride], marched)
 
     # Backwards a block is marched again, so that its steps are not kept.
     return lax.scan(jax.checkpoint(block), begin, blocks)

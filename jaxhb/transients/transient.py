@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
+from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.mesh_modes import STRAINED
 from jaxhb.linear.modal import natural_frequencies
@@ -33,7 +35,7 @@ from jaxhb.transients.course import (
 from jaxhb.transients.equations import TransientEquations
 from jaxhb.transients.free_speed import Plan, free_plan, mean_rotation, rotated
 from jaxhb.transients.march import Marched, Marching, first_instant, march
-from jaxhb.transients.motion import Readings, Transient
+from jaxhb.transients.motion import Readings, States, Transient
 from jaxhb.transients.timeline import (
     STEPS,
     Blocks,
@@ -305,8 +307,10 @@ def _march(
     first_block = jax.tree.map(lambda values: values[0], blocks)
     instant, begin = first_instant(marching, state, first_block)
     instants = _Instants(begin, recording, count, traced(marching, state, blocks))
-    # Derivatives backwards keep the state at the begin of every part alone.
-    marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
+    marched_part = partial(march, stride=recording.stride)
+    if traced(marching, state, blocks):
+        # Derivatives backwards store the state at the begin of every part alone.
+        marched_part = jax.checkpoint(marched_part)
     try:
         for first in range(0, count, CHUNK):
             part = _part(blocks, first)
@@ -326,61 +330,64 @@ def _part(blocks: Blocks, first: int) -> Blocks:
 
 
 class _Instants:
-    """Instants that are kept, one after another: the rows of ``count`` blocks after the
+    """Instants in parts, one after another: the rows of ``count`` blocks after the
     first one.
     """
 
     def __init__(self, begin: Marched, recording: _Recording, count: int, traced: bool):
         self._recording = recording
         self._traced = traced
-        self._parts = [begin]
+        self._parts: list[Marched] = []
         self.count = count
-        self.blocks = 0
-        if not self._traced:
-            rows = 1 + count * len(recording.places)
-            self._arrays = jax.tree.map(
-                lambda values: np.empty((rows, values.shape[-1])), begin
-            )
-            self._fill(jax.tree.map(np.asarray, begin), 0)
-
-    def _fill(self, marched: Marched, at: int) -> None:
-        """Write rows ``(blocks, steps, ...)`` from the row ``at`` on."""
-        for array, values in zip(
-            jax.tree.leaves(self._arrays), jax.tree.leaves(marched), strict=True
-        ):
-            rows = values.shape[0] * values.shape[1]
-            array[at : at + rows] = values.reshape(rows, values.shape[2])
+        self.blocks = -1
+        self.add(begin, 1)
 
     def add(self, marched: Marched, size: int) -> None:
-        """Keep the steps of the first ``size`` of some blocks."""
-        places = self._recording.places
-        if self._traced:
-            records = jax.tree.map(lambda values: values[:size, places], marched)
-            self._parts.append(records)
-        else:
-            records = jax.tree.map(
-                lambda values: np.asarray(values)[:size][:, places], marched
-            )
-            self._fill(records, self._rows)
+        """Append the steps of the first ``size`` of some blocks."""
+        if not self._traced:
+            # Views of what the program has left: a copy takes as long as the march.
+            marched = jax.tree.map(lambda rows: np.asarray(rows)[:size], marched)
+        self._parts.append(marched)
         self.blocks += size
 
     @property
-    def _rows(self) -> int:
-        """Number of instants so far."""
-        return 1 + self.blocks * len(self._recording.places)
-
-    @property
-    def marched(self) -> Marched:
+    def marched(self) -> Joined:
         """Rows ``(n, ...)`` of all instants."""
-        if not self._traced:
-            return jax.tree.map(lambda values: values[: self._rows], self._arrays)
+        parts = tuple(self._parts)
+        if self._traced:
+            return joined(parts, 1 + self.blocks * len(self._recording.places))
+        states = tuple(_rows(part.state) for part in parts)
+        loads = [_rows(part.loads) for part in parts]
+        teeth = [_rows(part.teeth) for part in parts]
+        return Joined(States(states), np.concatenate(loads), np.concatenate(teeth))
 
-        def joined(*parts: Array) -> Array:
-            flat = [part.reshape(-1, part.shape[2]) for part in parts if part.size]
-            shape = (self._rows, parts[0].shape[2])
-            return jnp.concatenate(flat) if flat else jnp.zeros(shape)
 
-        return jax.tree.map(joined, *self._parts)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Joined:
+    """Numbers of all n instants: states, loads ``(n, C)`` and teeth ``(n, W)``, as in
+    :class:`~jaxhb.transients.march.Marched`.
+    """
+
+    states: States
+    loads: Array
+    teeth: Array
+
+
+def _rows(values: Array) -> Array:
+    """Rows ``(n, ...)`` of blocks of steps."""
+    return values.reshape(values.shape[0] * values.shape[1], values.shape[2])
+
+
+@partial(Program, static_argnames="count")
+def joined(parts: tuple[Marched, ...], count: int) -> Joined:
+    """The first ``count`` instants of some parts."""
+
+    def rows(*values: Array) -> Array:
+        return jnp.concatenate([_rows(part) for part in values])[:count]
+
+    whole = jax.tree.map(rows, *parts)
+    return Joined(States((whole.state,)), whole.loads, whole.teeth)
 
 
 def _result(
@@ -413,7 +420,7 @@ def _result(
         time=along(blocks.begin[:1], after),
         rpm=along(blocks.speeds(start), blocks.speeds(shares)) * (30 / np.pi),
         angle=along(blocks.angles(start), blocks.angles(shares)),
-        states=marched.state,
+        states=marched.states,
         loads=marched.loads,
         teeth=marched.teeth,
         readings=readings,
