@@ -201,15 +201,21 @@ def _parts(numbers: Array) -> Array:
     return jnp.stack([numbers.real, numbers.imag])
 
 
+def _real(coefficients: Array) -> Array:
+    """Weights ``(..., D, 2 (N+1))`` of the rows of :func:`_turning` in the values of
+    coefficients ``(..., D, N+1)``.
+    """
+    counts = np.where(np.arange(coefficients.shape[-1]) > 0, 2.0, 1.0)
+    turned = counts * coefficients
+    return jnp.concatenate([turned.real, -turned.imag], axis=-1)
+
+
 def _values(turning: Array, coefficients: Array) -> Array:
     """Values ``(D, n)`` of coefficients ``(D, N+1)`` at angles ``(n,)``, by their
     :func:`_turning`.
     """
-    disks, orders = coefficients.shape
-    counts = np.where(np.arange(orders) > 0, 2.0, 1.0)
-    turned = counts * coefficients
-    both = jnp.concatenate([turned.real, -turned.imag], axis=1)
-    return both @ turning[:, :orders].reshape(2 * orders, -1)
+    turning = turning[:, : coefficients.shape[1]]
+    return _real(coefficients) @ turning.reshape(-1, turning.shape[2])
 
 
 def _torques(
@@ -217,30 +223,28 @@ def _torques(
 ) -> Array:
     """Torques ``(D, n)`` N m of the excited disks at the half steps of a block."""
     table = marching.torques
-    seconds = block.begin + SHARES * block.duration
-    at_lines = jnp.exp(2j * jnp.pi * seconds * table.hz[:, None])
     turning = turning[:, : table.highest + 1]
     if len(table.hz):
+        seconds = block.begin + SHARES * block.duration
+        at_lines = jnp.exp(2j * jnp.pi * seconds * table.hz[:, None])
         turning = jnp.concatenate([turning, _parts(at_lines)], axis=1)
     omega = block.speeds(ENDS)
     panel = panel_of(table.omega, omega[1])
-
-    def nodes(harmonics: Array) -> Array:
-        return jnp.stack(parabola(*harmonics[block.mode, panel]))
-
-    powers = powers_in_panel(table.omega, panel, omega) + 0j
+    powers = powers_in_panel(table.omega, panel, omega)
 
     def at_times(harmonics: Array) -> Array:
-        return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
+        nodes = _real(harmonics[block.mode, panel])
+        over_speed = jnp.stack(parabola(nodes[0], nodes[1], nodes[2]))
+        return jnp.einsum("tk,kdn->tdn", powers, over_speed)
 
     factor: Array = jnp.ones(len(ENDS))
     if marching.disturbance is not None:
         factor = marching.disturbance.fuel(block.begin + ENDS * block.duration)
-    harmonics = fuelled(table, at_times, factor[:, None, None])
+    weights = fuelled(table, at_times, factor[:, None, None])
     at_ends = acceleration[np.array([0, STEPS, -1]), None, None]
-    harmonics = harmonics + at_ends * table.accelerating
-    over_time = parabola(harmonics[0], harmonics[1], harmonics[2])
-    values = _values(turning, jnp.concatenate(over_time))
+    weights = weights + at_ends * _real(table.accelerating)
+    over_time = jnp.concatenate(parabola(weights[0], weights[1], weights[2]))
+    values = over_time @ turning.reshape(-1, turning.shape[2])
     constant, linear, square = jnp.split(values, 3)
     return constant + SHARES * (linear + SHARES * square)
 
