@@ -233,7 +233,7 @@ def march_parts(train, steady):
     table = speed_table(DURATION, [(0.0, LOW), (DURATION, HIGH)], None)
     plan = Plan(table, course(values, occurrences(values, ()), table), free=False)
     equations = TransientEquations.of(train, values, plan)
-    steps = transient._grid(equations, plan, DURATION, 1)
+    steps = transient._grid(equations, plan, DURATION, 1, transient.StepRate())
     prepared = equations.set_up(plan, steps)
     marching = prepared.marching
     blocks = transient.blocks_of(train, plan, steps, marching)

@@ -140,6 +140,51 @@ def transient(
     >>> round(float(run_up.rpm[-1]), 6)
     1500.0
     """
+    return transient_in_steps(
+        train,
+        StepRate(),
+        seconds=seconds,
+        speed=speed,
+        events=events,
+        start=start,
+        rpm=rpm,
+        record=record,
+        refine=refine,
+        progress=progress,
+    )
+
+
+class StepRate:
+    """Steps in a second that transients of trains alike share, so that they have the
+    same steps and programs: those of the first one and some to ``spare``, a share,
+    until one needs more.
+    """
+
+    def __init__(self, spare: float = 0.0):
+        self._spare = spare
+        self._steps = 0.0
+
+    def at_least(self, needed: float) -> float:
+        """Steps in a second for a transient that needs so many."""
+        if needed > self._steps:
+            self._steps = (1 + self._spare) * needed
+        return self._steps
+
+
+def transient_in_steps(
+    train: DriveTrain,
+    step_rate: StepRate,
+    *,
+    seconds: float,
+    speed: Speed,
+    events: str | Sequence[str] = (),
+    start: str | SteadyState | Response | Array | None = None,
+    rpm: float | None = None,
+    record: float | None = None,
+    refine: int = 1,
+    progress: Callable[[float], object] | None = None,
+) -> Transient:
+    """The :func:`transient` in steps by a :class:`StepRate`."""
     (values,) = concrete(train)
     if traced(values):
         raise TypeError(
@@ -156,7 +201,7 @@ def transient(
         _check_balance(values, table)
         plan = Plan(table, course(values, listed, table), free=False)
     equations = TransientEquations.of(train, values, plan)
-    steps = _grid(equations, plan, seconds, refine)
+    steps = _grid(equations, plan, seconds, refine, step_rate)
     prepared = equations.set_up(plan, steps)
     marching = prepared.marching
     blocks = blocks_of(train, plan, steps, marching)
@@ -213,7 +258,11 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
 
 
 def _grid(
-    equations: TransientEquations, plan: Plan, seconds: float, refine: int
+    equations: TransientEquations,
+    plan: Plan,
+    seconds: float,
+    refine: int,
+    step_rate: StepRate,
 ) -> Grid:
     """The :class:`Grid` of the steps."""
     values = equations.values
@@ -228,7 +277,8 @@ def _grid(
     lines_hz, _ = excitation.lines_at(values, float(table.rpm.max()))
     wave = max(wave, highest_event_hz(values, plan.course), *lines_hz.tolist())
     modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
-    rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
+    needed = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
+    rate = step_rate.at_least(needed)
     if rate * seconds > MOST_STEPS:
         raise SceneError(
             f"{title}: {seconds:g} s take {rate * seconds:.3g} steps of {1 / rate:.3g}"
