@@ -113,16 +113,27 @@ class SpectraOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(ComputedOptions):
-    """Options of ``jaxhb check``."""
+    """Options of ``jaxhb check``; ``excitation`` is the cylinder whose tangential
+    pressures are asked for, at ``loads``, none for its own.
+    """
 
     rpm: list[float] | None
+    excitation: str | None
+    loads: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModesOptions(ComputedOptions):
-    """Options of ``jaxhb modes``."""
+    """Options of what takes modes."""
 
     at: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeOptions(ModesOptions):
+    """Options of ``jaxhb modes``."""
+
+    vector_sums: bool
 
 
 @dataclass(frozen=True, kw_only=True)
