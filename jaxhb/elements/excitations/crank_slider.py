@@ -5,6 +5,7 @@ and the checks of both.
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -53,11 +54,12 @@ class Combustion:
     ``exhaust_pressure`` is ``charge_pressure`` unless given. ``charge_over_load`` =
     rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
     pressures, linear between the rows and constant outside them; without either what
-    they have above the atmosphere grows with the power.
+    they have above the atmosphere grows with the power. ``charge_pressure_over_load`` =
+    rows of (load, Pa) stands for the charge pressure of its last row and these factors.
     """
 
     compression_ratio: float = quantity("", above=1.0)
-    charge_pressure: float = positive("Pa")
+    charge_pressure: float | None = positive("Pa", None)
     exhaust_pressure: float | None = positive("Pa", None)
     start: float = quantity("deg", above=-180.0, below=180.0)
     duration: float = quantity("deg", above=0.0, most=360.0)
@@ -66,6 +68,7 @@ class Combustion:
     imep: float | None = quantity("Pa", None)
     compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
     expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    charge_pressure_over_load: tuple = rows(("load", "pressure"))
     charge_over_load: tuple = rows(("load", "factor"))
     charge_over_rpm: tuple = rows(SCALE)
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
@@ -190,6 +193,22 @@ def source_word(cylinder: CrankSlider) -> str:
         return TANGENTIAL
     prescribed = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
     return source(cylinder) or ("harmonics" if prescribed else "none")
+
+
+def with_charge(combustion: Combustion) -> Combustion:
+    """A sound combustion with charge pressure and factors in the place of rows of
+    pressures.
+    """
+    pressures = combustion.charge_pressure_over_load
+    if not pressures:
+        return combustion
+    full = pressures[-1][1]
+    return dataclasses.replace(
+        combustion,
+        charge_pressure=full,
+        charge_over_load=tuple((load, pressure / full) for load, pressure in pressures),
+        charge_pressure_over_load=(),
+    )
 
 
 def gas_revolutions(cylinder: CrankSlider) -> int:
@@ -409,12 +428,20 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
         errors.append("combustion: heat and imep are both given. Keep one of them.")
     if not any(present):
         errors.append("combustion: neither heat nor imep is given. Give one of them.")
-    if combustion.charge_over_load and combustion.charge_over_rpm:
+    tables = ["charge_pressure_over_load", "charge_over_load", "charge_over_rpm"]
+    given = [name for name in tables if getattr(combustion, name)]
+    if len(given) > 1:
         errors.append(
-            "combustion: charge_over_load and charge_over_rpm are both given. Keep one"
+            f"combustion: {given[0]} and {given[1]} are both given. Keep one of them."
+        )
+    if (combustion.charge_pressure is None) != (tables[0] in given):
+        count = "neither" if combustion.charge_pressure is None else "both"
+        errors.append(
+            f"combustion: of charge_pressure and {tables[0]} {count} is given. Give one"
             " of them."
         )
     for name, columns in (
+        ("charge_pressure_over_load", ("load", "pressure")),
         ("charge_over_load", ("load", "factor")),
         ("charge_over_rpm", ("rpm", "factor")),
     ):
@@ -426,8 +453,8 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
         )
         if least_factor is not None and least_factor <= 0.0:
             errors.append(
-                f"combustion: the least factor of {name} is {least_factor:g}, must be"
-                " greater than 0. Correct it."
+                f"combustion: the least {columns[1]} of {name} is {least_factor:g},"
+                " must be greater than 0. Correct it."
             )
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(

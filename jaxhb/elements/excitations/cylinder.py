@@ -31,6 +31,7 @@ from jaxhb.elements.excitations.crank_slider import (
     source,
     source_word,
     tangential_rows,
+    with_charge,
 )
 from jaxhb.elements.excitations.kind import (
     Excitation,
@@ -481,7 +482,7 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     )
     if not seats:
         return None
-    combustions = [cylinders[i].combustion for i in seats]
+    combustions = [with_charge(cylinders[i].combustion) for i in seats]
     names = [
         field.name
         for field in dataclasses.fields(Combustion)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.sentences import SceneError
+from jaxhb.excitation.mean_torques import mean_gas_torques
+from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangential import TangentialTable
 from jaxhb.linear.vector_sums import VectorSums
@@ -16,8 +18,11 @@ from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import ANY_SPEED
+from jaxhb.train.kinematics import speed_ratios
 
 MOST_MODES = 4  # of vector sums in a table: files have all
+FEW = 2  # names of cylinders alike that are all told
 SMALL = 1e-9  # vector sum below which its direction is rounding
 
 
@@ -160,6 +165,89 @@ def vector_sheet(sums: VectorSums) -> Sheet:
             row += [float(abs(vector)), float(np.degrees(np.angle(vector)))]
         rows.append(row)
     return Sheet(heads, rows)
+
+
+def cylinders_of(
+    train: DriveTrain, speeds: Sequence[float]
+) -> dict[str, dict[str, Any]]:
+    """Mass, crank and firing of the cylinders by their names, and over the speeds the
+    mean indicated pressure (Pa) and the power of the gas (W); None where the scene does
+    not tell.
+    """
+    topology = train.topology
+    seats = topology.cylinders
+    numbers = train.cylinders
+    rpm = np.array(speeds, dtype=float)
+    means = np.asarray(mean_gas_torques(numbers, seats, rpm))
+    ratio = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
+    cylinders = {}
+    for i, name in enumerate(seats.names):
+        stroke = float(numbers.stroke[i])
+        swept = float(np.pi / 4 * numbers.bore[i] ** 2) * stroke
+        turns = seats.revolutions[i] * seats.every[i]
+        has_cycle = swept > 0 and seats.source[i] in (*COMPUTED, TANGENTIAL)
+        work = 2 * np.pi * turns * means[:, i]
+        speed = 2 * np.pi / 60 * ratio[seats.disk[i]] * rpm
+        cylinders[name] = {
+            "firing_deg": float(numbers.firing_angle[i]),
+            "reciprocating_mass_kg": float(numbers.reciprocating_mass[i]) or None,
+            "crank_radius_m": 0.5 * stroke or None,
+            "swept_volume_m3": swept or None,
+            "imep_Pa": (work / swept).tolist() if has_cycle else None,
+            "power_W": (means[:, i] * speed).tolist(),
+        }
+    return cylinders
+
+
+def cylinder_tables(
+    train: DriveTrain, speeds: Sequence[float] | None, places: Sequence[str]
+) -> list[str]:
+    """A row for cylinders with the same numbers, and when each fires, in a list;
+    ``speeds`` None where no torque depends on them.
+    """
+    cylinders = cylinders_of(train, speeds or [ANY_SPEED])
+    if not cylinders:
+        return []
+    columns: list[Column | str] = ["cylinder", "kg", "radius mm", "litre"]
+    for place in places:
+        columns.append(Column("imep bar", group=place))
+        # Where torques do not depend on the speed, none is told, and so no power.
+        columns += [Column("kW", group=place)] * bool(speeds)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, numbers in cylinders.items():
+        cells = [
+            _scaled(numbers["reciprocating_mass_kg"], 1.0),
+            _scaled(numbers["crank_radius_m"], 1e3),
+            _scaled(numbers["swept_volume_m3"], 1e3),
+        ]
+        pressures = numbers["imep_Pa"] or [None] * len(places)
+        for pressure, power in zip(pressures, numbers["power_W"], strict=True):
+            cells.append(_scaled(pressure, 1e-5))
+            cells += [_scaled(power, 1e-3)] * bool(speeds)
+        alike.setdefault(tuple(cells), []).append(name)
+    firing = sorted(cylinders, key=lambda name: cylinders[name]["firing_deg"])
+    angles = ", ".join(f"{name} {cylinders[name]['firing_deg']:g}" for name in firing)
+    return [
+        Table(
+            "Of each cylinder: reciprocating mass, crank radius, swept volume, and of"
+            " its gas the mean indicated pressure and the power",
+            columns,
+            [[_together(names), *cells] for cells, names in alike.items()],
+        ),
+        f"Firing angles, deg of the crank: {angles}.",
+    ]
+
+
+def _together(names: Sequence[str]) -> str:
+    """Names of cylinders alike, of many the first and the last."""
+    if len(names) <= FEW:
+        return ", ".join(names)
+    return f"{names[0]} ... {names[-1]} ({len(names)} alike)"
+
+
+def _scaled(number: float | None, factor: float) -> str:
+    """A number of four digits in another unit, none where there is none."""
+    return NONE if number is None else f"{factor * number:.4g}"
 
 
 def refuse_without(train: DriveTrain, option: str, needed: Sequence[str]) -> None:

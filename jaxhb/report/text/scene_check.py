@@ -18,6 +18,7 @@ from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.linear.strength import train_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, plain_number
+from jaxhb.report.text.excitation import cylinder_tables, cylinders_of
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
@@ -329,6 +330,7 @@ def check_text(
                 torques,
             )
         )
+    parts += cylinder_tables(train, speeds, places)
     parts += _line_table(train, speeds, places)
     parts += _charge_table(
         train, [float(response.rpm) for response in responses], places
@@ -514,6 +516,7 @@ def check_record(
             for i, name in enumerate(train.topology.mesh_names)
         },
         "not_firing": train.not_firing(),
+        "cylinders": cylinders_of(train, speeds),
         "combustion": {
             name: {"load": load, "charge_pressure_Pa": [1e5 * bar for bar in charge]}
             for name, (load, charge) in charges_of(train, speeds).items()
