@@ -137,7 +137,7 @@ def tangential_pressure(
         )
     compression = dataclasses.replace(cycles, fires=(False,) * count)
     at_loads = [numbers]
-    if loads is not None:
+    if loads is not None and numbers.load_share is not None:
         share = np.ones(np.shape(numbers.load_share))
         at_loads = [
             dataclasses.replace(numbers, load_share=load * share) for load in loads

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.elements.sentences import SceneError
 from jaxhb.excitation.mean_torques import mean_gas_torques
 from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
@@ -147,7 +148,7 @@ def vector_record(sums: VectorSums) -> dict[str, Any]:
     }
 
 
-def _polar(vectors: np.ndarray) -> dict[str, np.ndarray]:
+def _polar(vectors: Array) -> dict[str, Array]:
     """Magnitudes and directions of vectors."""
     return {"magnitude": np.abs(vectors), "deg": np.degrees(np.angle(vectors))}
 
