@@ -34,11 +34,9 @@ from jaxhb.report.files.output import ANSWERED, OutputError, Sheet, sheet
 from jaxhb.report.orders import order_names
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text import (
-    excitation as excitation_text,
     forced as forced_text,
     linear as linear_text,
 )
-from jaxhb.report.text.excitation import refuse_without
 from jaxhb.report.text.scene_check import (
     ANY_SPEED,
     check_record,
@@ -46,6 +44,9 @@ from jaxhb.report.text.scene_check import (
     own_speeds,
     scene_notes,
     table_notes,
+    tangential_record,
+    tangential_sheet,
+    tangential_text,
 )
 from jaxhb.report.text.sentences import firing_lines, remarks_text
 from jaxhb.report.text.strength import strength_text
@@ -89,7 +90,7 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
         parts += remarks_text(linear_text.approximations(constant), "Of the modes")
     makers: dict[str, Callable[[], Any]] = {"record": lambda: record}
     if arguments.excitation is None:
-        refuse_without(
+        _refuse_without(
             train,
             "--excitation",
             ["--loads"] * bool(arguments.loads)
@@ -102,9 +103,9 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
             rpm=(speeds or [ANY_SPEED])[-1],
             loads=arguments.loads or None,
         )
-        parts.append(excitation_text.tangential_text(table))
-        record |= {"excitation": excitation_text.tangential_record(table)}
-        makers["rows"] = lambda: excitation_text.tangential_sheet(table)
+        parts.append(tangential_text(table))
+        record |= {"excitation": tangential_record(table)}
+        makers["rows"] = lambda: tangential_sheet(table)
     text = "\n\n".join([*parts, *remarks_text(remarks)])
     deliver(arguments, text, makers)
     return status(forced_text.forced_failures(response))
@@ -118,7 +119,7 @@ def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
     modes, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if not arguments.vector_sums:
-        refuse_without(
+        _refuse_without(
             train, "--vector-sums", [f"--{name}" for name in named(arguments, "rows")]
         )
     if "plot" in arguments.files and not (elastic or arguments.vector_sums):
@@ -137,9 +138,9 @@ def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
     }
     if arguments.vector_sums:
         sums = vector_sums(train, modes=modes, numbers=elastic)
-        parts += excitation_text.vector_text(sums, modes, order_names(train))
-        record |= excitation_text.vector_record(sums)
-        makers["rows"] = lambda: excitation_text.vector_sheet(sums)
+        parts += linear_text.vector_text(sums, modes, order_names(train))
+        record |= linear_text.vector_record(sums)
+        makers["rows"] = lambda: linear_text.vector_sheet(sums)
         title = f"{train.topology.title}: phase diagrams of the firing"
         makers["figure"] = lambda: plot_vector_sums(sums, title)
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
@@ -302,6 +303,15 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
     deliver(arguments, "\n\n".join(parts), makers)
     compare(arguments, lambda: of_forced(cases, readings, judged))
     return status(failures)
+
+
+def _refuse_without(train: DriveTrain, option: str, needed: Sequence[str]) -> None:
+    """Refuse options that mean nothing without another one."""
+    if needed:
+        raise SceneError(
+            f"{train.topology.title}: {', '.join(needed)} needs {option}. Give it, or"
+            f" leave {', '.join(needed)} out."
+        )
 
 
 def _constant(
