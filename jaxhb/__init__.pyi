@@ -60,6 +60,10 @@ from .integration.reference import (
     integrate as integrate,
     shooting_correction as shooting_correction,
 )
+from .linear.contributions import (
+    Contributions as Contributions,
+    cylinder_contributions as cylinder_contributions,
+)
 from .linear.critical import (
     Campbell as Campbell,
     Critical as Critical,

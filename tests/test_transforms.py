@@ -136,6 +136,11 @@ CALLS = {
     "cut_off_each": lambda x: jaxhb.cut_off_each(
         ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]
     ),
+    "cylinder_contributions": lambda x: jaxhb.cylinder_contributions(
+        ENGINE.replace({"a|b.stiffness": 100.0 * x}),
+        lambda response: response.torque("a", "b"),
+        rpm=[40.0],
+    ).total[0, 0],
     "damped_eigenvalues": (
         lambda x: jnp.abs(jaxhb.damped_eigenvalues(shaft(x), MODES)).sum()
     ),

@@ -155,10 +155,13 @@ class CampbellOptions(ModesOptions, FiringOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcedOptions(ComputedOptions, FiringOptions, SpectraOptions):
-    """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
+    """Options of ``jaxhb forced``; ``element`` are those told speed by speed, and with
+    ``by_cylinder`` by what each cylinder adds.
+    """
 
     rpm: list[float]
     element: tuple[str, ...]
+    by_cylinder: bool
 
 
 @dataclass(frozen=True, kw_only=True)

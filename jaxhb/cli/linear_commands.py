@@ -278,6 +278,11 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
     parts = [
         forced_text.forced_text(cases, readings, worst, each=bool(arguments.element))
     ]
+    added = []
+    if arguments.by_cylinder:
+        _refuse_without(train, "--element", ["--by-cylinder"] * (not arguments.element))
+        added = forced_text.contributions_of(trains[""], readings)
+    parts += [forced_text.contributions_text(*one) for one in added]
     parts += strength_text(
         {
             f"With {titles[cylinder]}" if worst else "": case
@@ -290,6 +295,7 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
         "record": lambda: (
             not_firing_record(*trains.values())
             | forced_text.forced_record(cases, readings, judged, worst, orders=orders)
+            | forced_text.contributions_record(added)
             | {"notes": notes}
         ),
         # An order that a response does not have has no column there: its amplitude is

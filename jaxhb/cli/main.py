@@ -406,6 +406,11 @@ def campbell() -> None:
     multiple=True,
     shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
 )
+@option(
+    "--by-cylinder",
+    "what each cylinder adds to the main orders of every --element, at the speed of its"
+    " largest vibration",
+)
 @options.EACH_MISFIRE
 @options.files("orders and synthesis of up to four elements over the speed")
 def forced() -> None:
