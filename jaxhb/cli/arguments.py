@@ -113,16 +113,27 @@ class SpectraOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(ComputedOptions):
-    """Options of ``jaxhb check``."""
+    """Options of ``jaxhb check``; ``excitation`` is the cylinder whose tangential
+    pressures are asked for, at ``loads``, none for its own.
+    """
 
     rpm: list[float] | None
+    excitation: str | None
+    loads: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModesOptions(ComputedOptions):
-    """Options of ``jaxhb modes``."""
+    """Options of what takes modes."""
 
     at: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeOptions(ModesOptions):
+    """Options of ``jaxhb modes``."""
+
+    vector_sums: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,10 +155,13 @@ class CampbellOptions(ModesOptions, FiringOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcedOptions(ComputedOptions, FiringOptions, SpectraOptions):
-    """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
+    """Options of ``jaxhb forced``; ``element`` are those told speed by speed, and with
+    ``by_cylinder`` by what each cylinder adds.
+    """
 
     rpm: list[float]
     element: tuple[str, ...]
+    by_cylinder: bool
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
+    BLADE_ORDERS,
     DAMPING_OVER_RPM,
     HARMONICS,
     OVER_AMPLITUDE,
@@ -255,7 +256,9 @@ class Load:
     ``share`` is that of its torque, on its own shaft, relative to the shares of other
     loads. ``harmonics`` make the torque pulsate, as the blades of a propeller and the
     pistons of a pump do: rows of (order of its own rotor, Re, Im), so that it is its
-    mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+    mean x (1 + sum Re((Re + i Im) exp(i order theta))). Instead of these, ``blades``
+    and ``blade_orders`` = rows of (multiple, share, phase deg) make it its mean x (1 +
+    sum share cos(multiple x blades x theta + phase)).
 
     Transients with a free speed read the law of its torque over the speed n of the
     reference rotor: with ``law`` and ``rated_torque`` T at ``rated_rpm`` N it takes T
@@ -268,6 +271,8 @@ class Load:
     disk: str = declared("disk")
     share: float = positive("", 1.0, "Leave out the load that takes no share.")
     harmonics: tuple = rows(HARMONICS)
+    blades: int | None = quantity("", None, kind="count", least=1.0, most=1000.0)
+    blade_orders: tuple = rows(BLADE_ORDERS)
     law: str = choice("", *LOAD_LAWS)
     rated_torque: float | None = positive("N m", None)
     rated_rpm: float | None = positive("rpm", None)

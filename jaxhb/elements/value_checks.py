@@ -23,6 +23,7 @@ from jaxhb.elements.elements import (
 )
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.blades import blade_errors
 from jaxhb.elements.rules import RULES
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
@@ -472,6 +473,11 @@ def _curve_errors(shaft: Shaft) -> list[str]:
 
 
 def load_errors(load: Load) -> list[str]:
+    """Check the blades of a load, and its law over the speed."""
+    return blade_errors(load) + _law_errors(load)
+
+
+def _law_errors(load: Load) -> list[str]:
     """Check that a load has one law over the speed, with all that it needs."""
     rated = {"rated_torque in N m": load.rated_torque, "rated_rpm": load.rated_rpm}
     present = [key.split()[0] for key, value in rated.items() if value is not None]

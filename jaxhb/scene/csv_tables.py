@@ -25,9 +25,10 @@ _FOREIGN = {
     "angle": ("rad", "mrad"),
     "twist": ("rad", "mrad"),
     "hz": ("rpm", "rad"),
+    "phase": ("rad", "mrad"),
 }
 """Units that the head of a column may name and that are not those of its numbers."""
-_UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
+_UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz", "phase": "deg"}
 
 
 def guarded(text: str) -> str:

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from jaxhb._jax import Array, Number
 from jaxhb.elements.sentences import SceneError, suggestion
+from jaxhb.linear.contributions import Contributions, cylinder_contributions
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED
@@ -35,6 +36,7 @@ from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires, Worst
+from jaxhb.train.drivetrain import DriveTrain
 
 SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
 # Amplitude of an order over the largest of its element from which it is not listed
@@ -263,6 +265,78 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
         ],
         zip(speeds, *values, strict=True),
     )
+
+
+def contributions_of(
+    train: DriveTrain, chosen: Sequence[ElementReading]
+) -> list[tuple[ElementReading, Contributions]]:
+    """Elements, and what each cylinder adds to them at the speed of their largest half
+    peak-to-peak; without those that have no answer.
+    """
+    added = []
+    for reading in chosen:
+        _, rpm = reading.most()
+        if np.isfinite(rpm):
+            read = partial(_signal, reading)
+            contributions = cylinder_contributions(train, read, rpm=[float(rpm)])
+            added.append((reading, contributions))
+    return added
+
+
+def _signal(reading: ElementReading, response: Response) -> Signal:
+    """The signal of the same element in another response."""
+    return reading.of(response).signal
+
+
+def contributions_text(reading: ElementReading, added: Contributions) -> Table:
+    """What each cylinder adds to the main orders of an element, as amplitude, and as
+    share in the direction of the whole.
+    """
+    factor, unit = reading.shown
+    names = order_names(train_of(reading.response))
+    columns: list[Column | str] = ["cylinder"]
+    shares = 100 * added.shares()[:, 0]
+    rows: list[list[Any]] = [[name] for name in (*added.cylinders, "all that excites")]
+    for place in reading.main():
+        group = f"order {names.number(added.orders[place])}"
+        columns += [
+            Column("amplitude", "size", group=group),
+            Column("share %", "{:.1f}".format, group=group),
+        ]
+        amplitudes = factor * np.abs([*added.parts[:, 0, place], added.total[0, place]])
+        for row, size, share in zip(
+            rows, amplitudes, [*shares[:, place], 100.0], strict=True
+        ):
+            row += [size, share]
+    return Table(
+        f"{reading.name} at {added.rpm[0]:g} rpm, {unit}: what each cylinder adds to"
+        " its orders, and the share of that in the direction of the whole",
+        columns,
+        rows,
+    )
+
+
+def contributions_record(
+    added: Sequence[tuple[ElementReading, Contributions]],
+) -> dict[str, Any]:
+    """The part of ``forced --by-cylinder --json``: amplitudes and phases by order, SI
+    units.
+    """
+    record = {}
+    for reading, one in added:
+        parts = dict(zip(one.cylinders, one.parts[:, 0], strict=True))
+        record[reading.csv_name] = {
+            "rpm": float(one.rpm[0]),
+            "orders": one.orders,
+            "cylinders": {name: _polar(part) for name, part in parts.items()},
+            "all": _polar(one.total[0]),
+        }
+    return {"by_cylinder": record} if record else {}
+
+
+def _polar(values: Array) -> dict[str, Array]:
+    """Magnitudes and phases of complex amplitudes."""
+    return {"amplitude": np.abs(values), "phase_deg": np.degrees(np.angle(values))}
 
 
 def worst_tables(
