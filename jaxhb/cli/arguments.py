@@ -170,7 +170,7 @@ class SweepOptions(
     rpm: list[float]
     direction: Literal["up", "down", "both"] | None
     full: bool
-    over: tuple[str, list[float]] | None
+    over: tuple[str, list[float] | list[str]] | None
     folder: str | None
     chunk: int
 

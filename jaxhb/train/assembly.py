@@ -183,7 +183,7 @@ def checked(
     }
     topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
-    for table in derived.LINKS:
+    for table in ("disk", *derived.LINKS):
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])

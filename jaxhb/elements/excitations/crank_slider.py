@@ -85,7 +85,7 @@ class CrankSlider:
     load: tuple = rows(("rpm", "load"))
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
-    gas_torque: tuple | None = rows(HARMONICS, None)
+    gas_torque: tuple | None = rows(HARMONICS, None, unit="N m")
     gas_factor: float | None = not_negative(
         "", None, "0 is allowed: no gas torque at all."
     )

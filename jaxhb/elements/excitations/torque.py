@@ -47,8 +47,8 @@ class Torque:
 
     disk: str = declared("disk")
     mean: float = quantity("N m", 0.0)
-    harmonics: tuple = rows(HARMONICS)
-    lines: tuple = rows(LINES)
+    harmonics: tuple = rows(HARMONICS, unit="N m")
+    lines: tuple = rows(LINES, unit="N m")
     orders_of: str = choice("reference", "own")
     scale: tuple = rows(SCALE)
     rated_rpm: float | None = positive("rpm", None)
