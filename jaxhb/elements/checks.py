@@ -169,7 +169,7 @@ def _number_errors(
     fields = {
         declared.name: declared
         for declared in dataclasses.fields(cls)
-        if declared.metadata["kind"] in kinds
+        if declared.metadata["kind"] in kinds or declared.name == "gd2"
     }
     if field not in fields:
         return [f"{holder} has no number {shown(field)}.{suggestion(field, fields)}"]

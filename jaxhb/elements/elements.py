@@ -54,7 +54,9 @@ class Disk:
     inertia: float | None = not_negative(
         "kg m2", None, remedy="0 is allowed and is condensed exactly."
     )
-    gd2: float | None = quantity("kg m2", None, weight=True, least=0.0)
+    gd2: float | None = quantity(
+        "kg m2", None, kind="shorthand", weight=True, least=0.0
+    )
     radius: float | None = positive(
         "m", None, "Leave the key out for a disk that is no gear."
     )

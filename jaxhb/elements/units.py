@@ -175,11 +175,11 @@ def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
         raise UnitError(
             "must be one number and a unit. Write thousands without a mark."
         )
-    if weight:
+    if weight and not (written == unit or _fits(written, unit)):
         written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb)f", r"\1", written))
     scale = factor(written, unit)
     # A quotient of whole numbers is rounded once: 0.2 mm is 0.0002 m.
-    parts = round(1 / scale)
+    parts = round(1 / scale) or 1
     return float(number) / parts if 1 / parts == scale else float(number) * scale
 
 
@@ -307,7 +307,7 @@ def _suggestion(written: str, unit: str) -> str:
             return f" Did you mean {shown(weight)}?"
     choices = (unit, *OFTEN.get(unit, ()))
     by_form = {_form(choice): choice for choice in reversed(choices)}
-    near = difflib.get_close_matches(_form(written), by_form, 1, 0.7)
+    near = difflib.get_close_matches(_form(written), by_form, 1)
     if near:
         return f" Did you mean {shown(by_form[near[0]])}?"
     return f" Known: {', '.join(choices)}."

@@ -137,9 +137,8 @@ def number_rows(
     )
     heads = [line for line in lines[:first] if len(line.cells) == len(columns)]
     places = _places(heads, columns)
-    scales = _scales(
-        heads, columns, units or ("",) * len(columns), places, source, quoted
-    )
+    units = units or ("",) * len(columns)
+    scales = _scales(heads, columns, units, places, source, quoted)
     rows = []
     for line in lines[first:]:
         if len(line.cells) != len(columns) or not all(map(table.is_number, line.cells)):
@@ -276,9 +275,8 @@ def _scales(
                 if written:
                     scales[k] = factor(written, unit)
             except UnitError as error:
-                why = (
-                    f"is {shown(head)}, {error}" if quoted else "has a unit of no use."
-                )
+                has = f"is {shown(head)}, {error}"
+                why = has if quoted else f"has no unit of {unit or 'a number'}."
                 raise SceneError(
                     f"{source}, line {line.number}: the head of {column} {why}"
                 ) from None
