@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.design.tolerances import read_tolerances
 from jaxhb.elements import units
 from jaxhb.elements.declared import unit_of
 from jaxhb.elements.elements import TABLES, Head
@@ -290,7 +291,7 @@ def test_a_scene_in_other_units_is_the_same_train(tmp_path):
                 np.testing.assert_allclose(
                     second, first, rtol=1e-12, err_msg=field.name
                 )
-    first, second = map(jaxhb.read_tolerances, (plain, other))
+    first, second = map(read_tolerances, (plain, other))
     assert second[0].std == pytest.approx(first[0].std, rel=1e-12)
 
 
