@@ -13,12 +13,12 @@ import difflib
 import importlib.util
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from jaxhb.elements.declared import fields_of_class, unit_of
-from jaxhb.elements.sentences import shown
+from jaxhb.elements.sentences import shown, suggestion
 
 if TYPE_CHECKING:
     import pint
@@ -319,6 +319,45 @@ def _fits(written: str, unit: str) -> bool:
         return _scale(_parsed(written), unit) is not None
     except ValueError:
         return False
+
+
+Shown = tuple[float, str]
+"""Factor from an SI unit, and the unit that it leads to."""
+
+OF_ANSWERS = {
+    "torque": "N m",
+    "force": "N",
+    "angle": "rad",
+    "speed": "rad/s",
+    "acceleration": "rad/s2",
+    "stress": "Pa",
+    "power": "W",
+    "inertia": "kg m2",
+}
+"""SI units of quantities of answers whose unit can be chosen."""
+
+
+def chosen_units(units: Mapping[str, Any]) -> dict[str, Shown]:
+    """Read units of quantities of answers, by their SI units; :class:`UnitError` with a
+    sentence on the first that cannot be taken.
+
+    >>> chosen_units({"torque": "kN m"})
+    {'N m': (0.001, 'kN m')}
+    """
+    chosen = {}
+    for quantity, unit in units.items():
+        si_unit = OF_ANSWERS.get(quantity)
+        if si_unit is None:
+            near = suggestion(quantity, OF_ANSWERS)
+            raise UnitError(f"there is no quantity {shown(quantity)}.{near}")
+        if not isinstance(unit, str):
+            raise UnitError(f"{quantity} is {shown(unit)}, must be a unit in quotes.")
+        try:
+            size = factor(unit.strip(), si_unit)
+        except UnitError as error:
+            raise UnitError(f"{quantity} is {shown(unit)}, {error}") from None
+        chosen[si_unit] = (1.0 / size, " ".join(unit.split()))
+    return chosen
 
 
 UNITS_OF_COLUMNS = {

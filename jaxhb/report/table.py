@@ -1,11 +1,13 @@
 """Tables of reports: columns that read and write rows, as text and as cells."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, Self
 
 from jaxhb.report.text.columns import DOUBT, Doubtful, Way, alike
+from jaxhb.report.units import shown_unit
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,8 @@ class Column:
     by the columns of numbers that get the same decimals; read : reader of the value
     from a row, by default what stands at the place of the column; group : title above
     this column and its neighbours of the same group; left : whether texts are flush
-    left, as those of the first column always are
+    left, as those of the first column always are; unit : SI unit of its numbers, which
+    are shown in the unit for people, "" where they are shown as they are
     """
 
     head: str
@@ -24,11 +27,13 @@ class Column:
     read: Callable[..., Any] | None = None
     group: str = ""
     left: bool = False
+    unit: str = ""
 
 
 class Table(str):
     """A table as text under its caption, with its cells at hand for other ways to show
-    it.
+    it. In caption, heads and groups ``{N m}`` stands for the unit in which people read
+    the columns of that SI unit.
 
     columns : texts of each column; groups : (title, first, last) from left to right;
     left : numbers of the columns that are flush left
@@ -50,6 +55,24 @@ class Table(str):
             [spec.read(row) if spec.read else row[place] for row in rows]
             for place, spec in enumerate(specs)
         ]
+        for unit in dict.fromkeys(spec.unit for spec in specs if spec.unit):
+            factor, shown = shown_unit(unit, _largest(specs, values, unit))
+            words = f"{{{unit}}}", shown
+            caption = caption.replace(*words)
+            values = [
+                [_scaled(value, factor) for value in column]
+                if spec.unit == unit
+                else column
+                for spec, column in zip(specs, values, strict=True)
+            ]
+            specs = [
+                replace(
+                    spec,
+                    head=spec.head.replace(*words),
+                    group=spec.group.replace(*words),
+                )
+                for spec in specs
+            ]
         cells = _written(values, [spec.way for spec in specs])
         heads = [spec.head for spec in specs]
         groups = []
@@ -66,6 +89,29 @@ class Table(str):
         table.groups = groups
         table.left = left
         return table
+
+
+def _largest(
+    specs: Sequence[Column], values: Sequence[Sequence[Any]], unit: str
+) -> float:
+    """Size of the largest number of the columns of an SI unit."""
+    return max(
+        (
+            abs(value)
+            for spec, column in zip(specs, values, strict=True)
+            if spec.unit == unit
+            for value in column
+            if not isinstance(value, str) and math.isfinite(value)
+        ),
+        default=0.0,
+    )
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """A number times a factor, doubtful as it was; words stay."""
+    if isinstance(value, str):
+        return value
+    return Doubtful(factor * value) if isinstance(value, Doubtful) else factor * value
 
 
 def _written(values: Sequence[Sequence[Any]], ways: Sequence[Way]) -> list[list[str]]:

@@ -19,7 +19,7 @@ from jaxhb.elements.declared import Unread, fields_of_class
 from jaxhb.elements.elements import TABLES, Head
 from jaxhb.elements.engine import Engine
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
-from jaxhb.elements.units import si_value, units_of_columns
+from jaxhb.elements.units import UnitError, chosen_units, si_value, units_of_columns
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
@@ -40,6 +40,7 @@ BESIDE = (
     "sequence",
     "tune",
     "tolerance",
+    "report",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
 Tables = dict[tuple[str, tuple[str, ...]], tuple | Unread]
@@ -101,6 +102,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
+        report=_report_units(content.get("report", {}), path.name, errors),
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
@@ -121,6 +123,31 @@ def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, .
         " Correct it."
     )
     return ()
+
+
+def _report_units(table: Any, source: str, errors: list[str]) -> dict[str, str]:
+    """Read the ``units`` of ``[report]``, which has no other key."""
+    if not isinstance(table, dict):
+        errors.append(f"{source}: 'report' must be a table. Write [report].")
+        return {}
+    errors += [
+        f"{source}, [report]: unknown key {shown(key)}.{suggestion(key, ['units'])}"
+        for key in table
+        if key != "units"
+    ]
+    units = table.get("units", {})
+    if not isinstance(units, dict):
+        errors.append(
+            f"{source}, [report]: units is {shown(units)}, must be a table. Write"
+            ' units = { torque = "kN m" }.'
+        )
+        return {}
+    try:
+        chosen_units(units)
+    except UnitError as error:
+        errors.append(f"{source}, [report]: {error}")
+        return {}
+    return units
 
 
 def _folder() -> Path:

@@ -96,6 +96,7 @@ def checked(
     *,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
+    report: Mapping[str, str] | None = None,
     scenarios: Any,
     sequences: Any = None,
     source: str,
@@ -172,6 +173,7 @@ def checked(
         "sequences": sequences,
         "tune": tune or {},
         "tolerance": tolerance or {},
+        "report": report or {},
     }
     head: dict[str, Any] = {
         key: json.dumps(table, default=str) for key, table in settings.items()
