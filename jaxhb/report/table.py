@@ -9,6 +9,8 @@ from typing import Any, Self
 from jaxhb.report.text.columns import DOUBT, Doubtful, Way, alike
 from jaxhb.report.units import shown_unit
 
+THOUSANDTHS = 3  # decimals
+
 
 @dataclass(frozen=True)
 class Column:
@@ -55,8 +57,11 @@ class Table(str):
             [spec.read(row) if spec.read else row[place] for row in rows]
             for place, spec in enumerate(specs)
         ]
+        enlarged = set()
         for unit in dict.fromkeys(spec.unit for spec in specs if spec.unit):
             factor, shown = shown_unit(unit, _largest(specs, values, unit))
+            if shown != shown_unit(unit)[1]:
+                enlarged.add(unit)
             words = f"{{{unit}}}", shown
             caption = caption.replace(*words)
             values = [
@@ -73,7 +78,12 @@ class Table(str):
                 )
                 for spec in specs
             ]
-        cells = _written(values, [spec.way for spec in specs])
+        cells = _written(
+            values,
+            [spec.way for spec in specs],
+            # As many digits as in the smaller unit without decimals
+            [THOUSANDTHS * (spec.unit in enlarged) for spec in specs],
+        )
         heads = [spec.head for spec in specs]
         groups = []
         for title, several in groupby(enumerate(specs), lambda pair: pair[1].group):
@@ -114,8 +124,12 @@ def _scaled(value: Any, factor: float) -> Any:
     return Doubtful(factor * value) if isinstance(value, Doubtful) else factor * value
 
 
-def _written(values: Sequence[Sequence[Any]], ways: Sequence[Way]) -> list[list[str]]:
-    """Write columns of values, each in its way, with a mark behind doubtful numbers."""
+def _written(
+    values: Sequence[Sequence[Any]], ways: Sequence[Way], least: Sequence[int]
+) -> list[list[str]]:
+    """Write columns of values, each in its way and with at ``least`` so many decimals,
+    with a mark behind doubtful numbers.
+    """
     cells: list[list[str]] = [[] for _ in values]
     for way in dict.fromkeys(ways):
         places = [place for place, other in enumerate(ways) if other == way]
@@ -123,7 +137,7 @@ def _written(values: Sequence[Sequence[Any]], ways: Sequence[Way]) -> list[list[
         if callable(way):
             texts = [list(map(way, column)) for column in chosen]
         else:
-            texts = alike(*chosen)
+            texts = alike(*chosen, least=max(least[place] for place in places))
         for place, column in zip(places, texts, strict=True):
             cells[place] = [
                 text + DOUBT * (isinstance(value, Doubtful) and text[:1].isdigit())
