@@ -38,9 +38,12 @@ class SceneOptions(CommonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ChangedOptions(CommonOptions):
-    """Values of the scene that a command changes."""
+    """Values of the scene that a command changes, and the units in which it shows
+    quantities, by their names.
+    """
 
     set: tuple[Setting, ...]
+    units: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +187,7 @@ class SweepOptions(
     rpm: list[float]
     direction: Literal["up", "down", "both"] | None
     full: bool
-    over: tuple[str, list[float]] | None
+    over: tuple[str, list[float] | list[str]] | None
     folder: str | None
     chunk: int
 

@@ -47,12 +47,16 @@ class Disk:
     ``damping_over_rpm`` = rows of (rpm of the reference rotor, N m s/rad), in the place
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
-    (:mod:`jaxhb.train.varying`).
+    (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
+    in the place of ``inertia``, which is a quarter of it.
     """
 
     name: str = declared("name")
-    inertia: float = not_negative(
-        "kg m2", remedy="0 is allowed and is condensed exactly."
+    inertia: float | None = not_negative(
+        "kg m2", None, remedy="0 is allowed and is condensed exactly."
+    )
+    gd2: float | None = quantity(
+        "kg m2", None, kind="shorthand", weight=True, least=0.0
     )
     radius: float | None = positive(
         "m", None, "Leave the key out for a disk that is no gear."
@@ -185,9 +189,9 @@ class Mesh(Link):
     law: str = choice("", "fridman2009")
     rated_torque: float | None = positive("N m", None)
     stiffness_orders: tuple = rows(HARMONICS)
-    transmission_error: tuple = rows(HARMONICS)
-    first_gear_error: tuple = rows(HARMONICS)
-    second_gear_error: tuple = rows(HARMONICS)
+    transmission_error: tuple = rows(HARMONICS, unit="m")
+    first_gear_error: tuple = rows(HARMONICS, unit="m")
+    second_gear_error: tuple = rows(HARMONICS, unit="m")
     phase: float = quantity("deg", 0.0)
     stiffness_table: tuple = rows(("share", "stiffness"))
     contact_ratio: float | None = quantity(

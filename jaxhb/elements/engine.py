@@ -43,7 +43,7 @@ class Engine(CrankSlider):
     bank_angle: float | None = quantity("deg", None, least=-180.0, most=180.0)
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
     firing: str = choice("crank", "even")
-    firing_intervals: tuple | None = declared("list", None)
+    firing_intervals: tuple | None = declared("list", None, unit="deg")
 
 
 _COMMON = {

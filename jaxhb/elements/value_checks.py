@@ -89,8 +89,16 @@ def _twice_errors(element: Any, name: str, *others: str) -> list[str]:
 
 
 def disk_errors(disk: Disk) -> list[str]:
-    """Check that a disk has one damping."""
-    return _over_rpm_errors(disk) + _twice_errors(disk, "damping_over_rpm", "damping")
+    """Check that a disk has one inertia and one damping."""
+    texts = _over_rpm_errors(disk) + _twice_errors(disk, "damping_over_rpm", "damping")
+    if disk.inertia is None and disk.gd2 is None:
+        texts.append(
+            "the key 'inertia' is missing. Give at least 0 kg m2, or gd2, four times"
+            " as much."
+        )
+    elif disk.inertia is not None and disk.gd2 is not None:
+        texts.append("inertia and gd2 are both given. Keep one of them.")
+    return texts
 
 
 def ground_errors(ground: Ground) -> list[str]:

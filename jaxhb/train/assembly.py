@@ -97,6 +97,7 @@ def checked(
     *,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
+    report: Mapping[str, str] | None = None,
     scenarios: Any,
     sequences: Any = None,
     source: str,
@@ -174,6 +175,7 @@ def checked(
         "sequences": sequences,
         "tune": tune or {},
         "tolerance": tolerance or {},
+        "report": report or {},
     }
     head: dict[str, Any] = {
         key: json.dumps(table, default=str) for key, table in settings.items()
@@ -185,7 +187,7 @@ def checked(
     }
     topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
-    for table in derived.LINKS:
+    for table in ("disk", *derived.LINKS):
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])

@@ -55,6 +55,13 @@ class DriveTrain(TrainArrays):
         """The ``[tolerance]`` table of the scene, untouched."""
         return json.loads(self.topology.tolerance)
 
+    @property
+    def report_units(self) -> dict[str, str]:
+        """Units in which reports show quantities, ``units`` of the ``[report]`` table
+        of the scene.
+        """
+        return json.loads(self.topology.report)
+
     def value(self, key: str) -> Any:
         """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or
         an array.

@@ -88,8 +88,8 @@ class TangentialPressure:
     """
 
     imep: float = not_negative("Pa")
-    cosine_sine: tuple | None = rows(COSINES, None)
-    amplitude_phase: tuple | None = rows(AMPLITUDES, None)
+    cosine_sine: tuple | None = rows(COSINES, None, unit="Pa")
+    amplitude_phase: tuple | None = rows(AMPLITUDES, None, unit="Pa")
     unit: str = choice("Pa", "bar", "N/mm2")
     phase_of: str = choice("cosine", "sine")
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
@@ -138,7 +138,7 @@ class CrankSlider:
     load: tuple = rows(("rpm", "load"))
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
-    gas_torque: tuple | None = rows(HARMONICS, None)
+    gas_torque: tuple | None = rows(HARMONICS, None, unit="N m")
     gas_factor: float | None = not_negative(
         "", None, "0 is allowed: no gas torque at all."
     )

@@ -51,10 +51,10 @@ class Torque:
 
     disk: str = declared("disk")
     mean: float = quantity("N m", 0.0)
-    harmonics: tuple = rows(HARMONICS)
+    harmonics: tuple = rows(HARMONICS, unit="N m")
     blades: int | None = quantity("", None, kind="count", least=1.0, most=1000.0)
     blade_orders: tuple = rows(BLADE_ORDERS)
-    lines: tuple = rows(LINES)
+    lines: tuple = rows(LINES, unit="N m")
     orders_of: str = choice("reference", "own")
     scale: tuple = rows(SCALE)
     rated_rpm: float | None = positive("rpm", None)

@@ -584,13 +584,13 @@ def campbell_parts(
             names.number(critical.order),
             critical.mode,
             f"{critical.hz:.2f}",
-            plain_number(critical.torque),
+            critical.torque,
         ]
         for critical in diagram.critical
     ]
     for place, row in enumerate(rows if misfires else ()):
         cylinder, torque = _worst_at(place, misfires)
-        row += [plain_number(torque), cylinder]
+        row += [torque, cylinder]
     critical_speeds = Table(
         f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}.",
         [
@@ -598,8 +598,8 @@ def campbell_parts(
             "order",
             "mode",
             "Hz",
-            "modal torque N m",
-            *["worst misfire N m"] * bool(misfires),
+            Column("modal torque {N m}", plain_number, unit="N m"),
+            *[Column("worst misfire {N m}", plain_number, unit="N m")] * bool(misfires),
             *[Column("that of", left=True)] * bool(misfires),
         ],
         rows,
@@ -618,7 +618,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
             line.mode,
             f"{line.mode_hz:.2f}",
             f"{100 * line.apart:+.1f}",
-            plain_number(line.torque),
+            line.torque,
             *([] if line.rpm is None else [f"{line.rpm:.1f}"]),
         ]
         for line in diagram.lines
@@ -632,7 +632,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
                 "mode",
                 "mode Hz",
                 "apart %",
-                "modal torque N m",
+                Column("modal torque {N m}", plain_number, unit="N m"),
                 *["rpm"] * (not at_every_speed),
             ],
             rows,

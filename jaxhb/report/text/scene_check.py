@@ -322,7 +322,8 @@ def check_text(
     """
     topology = train.topology
     places = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
-    means = [Column(place, "mean") for place in places]
+    torque_means = [Column(place, "mean", unit="N m") for place in places]
+    force_means = [Column(place, "mean", unit="N") for place in places]
     verdict = (
         f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "no notes"
     )
@@ -334,8 +335,8 @@ def check_text(
     if torques:
         parts.append(
             Table(
-                "Mean torque on the disk's own shaft, N m (positive: drives)",
-                ["", Column("disk", left=True), *means],
+                "Mean torque on the disk's own shaft, {N m} (positive: drives)",
+                ["", Column("disk", left=True), *torque_means],
                 torques,
             )
         )
@@ -349,7 +350,7 @@ def check_text(
     rows = [
         [
             name,
-            *(1e-3 * abs(mean) for mean in _means(responses, name)),
+            *(abs(mean) for mean in _means(responses, name)),
             _drivers(responses, i),
             f"{1e3 * backlash:.4g}" if topology.mesh_backlash[i] else NONE,
             fixed(float(ratios[i]), 4),
@@ -361,9 +362,9 @@ def check_text(
     if rows:
         parts.append(
             Table(
-                "Mean tooth force, kN, backlash, and damping ratio of the two gears"
+                "Mean tooth force, {N}, backlash, and damping ratio of the two gears"
                 " alone",
-                ["mesh", *means, "driven by", "backlash mm", "damping ratio"],
+                ["mesh", *force_means, "driven by", "backlash mm", "damping ratio"],
                 rows,
             )
         )
@@ -405,10 +406,10 @@ def _line_table(
     lines = lines_of(train, speeds or [ANY_SPEED])
     rows = [[name, f"{hz:g}", *sizes] for name, hz, sizes in lines]
     caption = (
-        "Lines of torques at fixed frequencies, amplitude in N m; jaxhb forced takes"
+        "Lines of torques at fixed frequencies, amplitude in {N m}; jaxhb forced takes"
         " them, and jaxhb.transient"
     )
-    amplitudes = [Column(place, "amplitude") for place in places]
+    amplitudes = [Column(place, "amplitude", unit="N m") for place in places]
     return [Table(caption, ["", "Hz", *amplitudes], rows)] if rows else []
 
 
