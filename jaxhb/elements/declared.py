@@ -99,7 +99,7 @@ def choice(default: str, *words: str) -> Any:
 
 
 def rows(columns: tuple[str, ...], default: Any = (), *, unit: str = "") -> Any:
-    """Declare a table of numbers with these columns, those of their size in a ``unit``."""
+    """Declare a table of numbers with these columns, their size in a ``unit``."""
     return declared("rows", default, columns=columns, unit=unit)
 
 

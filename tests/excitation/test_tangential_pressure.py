@@ -90,24 +90,14 @@ def test_an_order_is_its_tangential_pressure_on_the_piston_at_the_crank(
     close(row(train, 1000.0), [mean, *turned])
 
 
-def test_amplitude_and_phase_are_of_the_cosine_or_of_the_sine_in_any_unit():
-    """Of N/mm2 and bar as of Pa."""
+def test_amplitude_and_phase_are_of_the_cosine_or_of_the_sine():
     expected = row(pair(cylinder(tangential_pressure=table())), 900.0)
-    in_bar = [(n, 1e-5 * p, 1e-5 * c, 1e-5 * s) for n, p, c, s in ROWS]
-    close(
-        row(pair(cylinder(tangential_pressure=table(rows=in_bar, unit="bar"))), 900.0),
-        expected,
-    )
     for word, angle_of in (
         ("cosine", lambda c, s: np.degrees(np.arctan2(-s, c))),
         ("sine", lambda c, s: np.degrees(np.arctan2(c, s))),
     ):
-        rows = [
-            (n, 1e-6 * p, 1e-6 * np.hypot(c, s), angle_of(c, s)) for n, p, c, s in ROWS
-        ]
-        amplitudes = TangentialPressure(
-            imep=2e6, amplitude_phase=rows, unit="N/mm2", phase_of=word
-        )
+        rows = [(n, p, np.hypot(c, s), angle_of(c, s)) for n, p, c, s in ROWS]
+        amplitudes = TangentialPressure(imep=2e6, amplitude_phase=rows, phase_of=word)
         close(row(pair(cylinder(tangential_pressure=amplitudes)), 900.0), expected)
 
 
@@ -301,7 +291,7 @@ def test_tangential_pressures_have_derivatives():
 
 
 def test_a_csv_file_holds_the_rows_in_any_order_of_its_columns(tmp_path):
-    """Heads name the columns."""
+    """Heads name the columns and their units."""
     lines = ["imep bar,order,sine bar,cosine bar"]
     lines += [f"{1e-5 * p!r},{n},{1e-5 * s!r},{1e-5 * c!r}" for n, p, c, s in ROWS]
     (tmp_path / "t.csv").write_text("\n".join(lines))
@@ -326,7 +316,6 @@ def test_a_csv_file_holds_the_rows_in_any_order_of_its_columns(tmp_path):
         [cylinder.tangential_pressure]
         imep = 2e6
         cosine_sine = "t.csv"
-        unit = "bar"
         """
     )
     train = jaxhb.load_scene(tmp_path / "scene.toml")

@@ -81,7 +81,7 @@ class TangentialPressure:
 
     ``cosine_sine`` = rows of (order, imep, cosine, sine) or ``amplitude_phase`` = rows
     of (order, imep, amplitude, phase deg), in any order, but every order at each mean
-    indicated pressure. Pressures of the rows are in ``unit``, phases those of
+    indicated pressure. Pressures of the rows are in Pa, phases those of
     cos(order a + phase), or of the sine with ``phase_of = "sine"``, a the crank angle
     from firing top dead centre. ``imep`` is the mean indicated pressure at full load in
     Pa, which ``load`` multiplies. Rows at imep 0 are those of compression alone.
@@ -90,28 +90,22 @@ class TangentialPressure:
     imep: float = not_negative("Pa")
     cosine_sine: tuple | None = rows(COSINES, None, unit="Pa")
     amplitude_phase: tuple | None = rows(AMPLITUDES, None, unit="Pa")
-    unit: str = choice("Pa", "bar", "N/mm2")
     phase_of: str = choice("cosine", "sine")
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
-
-
-UNITS = {"Pa": 1.0, "bar": 1e5, "N/mm2": 1e6}
-"""Pa in each unit of tangential pressures."""
 
 
 def tangential_rows(table: TangentialPressure) -> dict[float, dict[float, complex]]:
     """Cosine - i sine in Pa by mean indicated pressure (Pa) and order, both increasing,
     of a sound table.
     """
-    unit = UNITS[table.unit]
     by_place: dict[float, dict[float, complex]] = {}
     for order, imep, cosine, sine in table.cosine_sine or ():
         part = complex(cosine, -sine)
-        by_place.setdefault(unit * imep, {})[float(order)] = unit * part
+        by_place.setdefault(float(imep), {})[float(order)] = part
     turned = 90.0 if table.phase_of == "sine" else 0.0
     for order, imep, amplitude, phase in table.amplitude_phase or ():
         part = cmath.rect(amplitude, math.radians(phase - turned))
-        by_place.setdefault(unit * imep, {})[float(order)] = unit * part
+        by_place.setdefault(float(imep), {})[float(order)] = part
     return {
         imep: dict(sorted(orders.items())) for imep, orders in sorted(by_place.items())
     }
