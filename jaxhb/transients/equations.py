@@ -194,7 +194,7 @@ class TransientEquations:
             )
         springs = springs_over_speed(topology)
         clutches = plan.course.clutch_links(topology)
-        rows = springs.columns(at_hand.system, clutches)
+        rows = np.asarray(springs.columns(at_hand.system, clutches))
         _refuse_at_static(topology, at_hand.parts, rows)
         notes: list[str] = []
         if lossy:

@@ -354,7 +354,7 @@ def _march(
     first_block = jax.tree.map(lambda values: values[0], blocks)
     instant, begin = first_instant(marching, state, first_block)
     instants = _Instants(begin, recording, count, traced(marching, state, blocks))
-    marched_part = partial(march, stride=recording.stride)
+    marched_part: Callable = partial(march, stride=recording.stride)
     if traced(marching, state, blocks):
         # Derivatives backwards store the state at the begin of every part alone.
         marched_part = jax.checkpoint(marched_part)

@@ -249,13 +249,13 @@ def _integrals(
     """
     dense = transition.ndim == 2
     xp = namespace(transition, h)
-    matrix = transition if dense else np.moveaxis(transition, 2, 0)
+    matrix = transition if dense else transition.transpose(2, 0, 1)
     scale = 0.5 ** (np.asarray(halved)[..., None, None] + 1.0)
     half = _phi_functions(matrix * (scale * h), np.asarray(halved))
 
     def weighted(phis: Array, h: Number) -> _Integrals:
         if not dense:
-            phis = np.moveaxis(phis, 1, 3)
+            phis = phis.transpose(0, 2, 3, 1)
         first, second, third = (propagated(h * phi, columns) for phi in phis[1:])
         return _Integrals(phis[0], (first, second, third))
 
@@ -318,7 +318,7 @@ def stacked_weights(space: ForcedSpace, lengths: Array, halved: int) -> StepWeig
     """
     if namespace(space) is not np:
         return lax.map(lambda h: step_weights(space, h, halved), lengths)
-    pairs = np.moveaxis(space.transition, 2, 0)
+    pairs = np.asarray(space.transition).transpose(2, 0, 1)
     weights = [step_weights(space, h, halvings(pairs * (h / 2))) for h in lengths]
     return jax.tree.map(lambda *rows: np.stack(rows), *weights)
 
