@@ -112,6 +112,8 @@ def shaft_errors(shaft: Shaft) -> list[str]:
         + _damping_errors(shaft)
         + _over_rpm_errors(shaft)
         + _section_errors(shaft)
+        + _concentration_errors(shaft)
+        + _rated_errors(shaft)
         + _curve_errors(shaft)
         + _spring_errors(shaft)
     )
@@ -293,11 +295,12 @@ def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
 
 def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
-    over_rpm = _over_rpm_errors(damper)
-    over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    others = _over_rpm_errors(damper)
+    others += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    others += _rated_errors(damper)
     tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
-        return _damping_errors(damper) + over_rpm + _spring_errors(damper)
+        return _damping_errors(damper) + others + _spring_errors(damper)
     damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
     if damping_keys:
         needs = (
@@ -441,6 +444,46 @@ def _section_errors(shaft: Shaft) -> list[str]:
         if getattr(shaft, key) is not None
     ]
     return texts
+
+
+def _concentration_errors(shaft: Shaft) -> list[str]:
+    """Check that stress concentration factors for torsion and the limit of the
+    alternating stress are given together, with a section.
+    """
+    factors = _present_keys(shaft, "fillet_factor", "oil_bore_factor")
+    if factors and shaft.alternating_limit is None:
+        return [
+            f"{joined(factors)} {'are' if factors[1:] else 'is'} given without"
+            " alternating_limit. Give the permissible alternating torsional stress in"
+            " Pa."
+        ]
+    if shaft.alternating_limit is None:
+        return []
+    texts = []
+    if not factors:
+        texts.append(
+            "alternating_limit is given without fillet_factor or oil_bore_factor. Give"
+            " one or both (alpha_T or beta_T, and gamma_T of IACS UR M53)."
+        )
+    if shaft.diameter is None and shaft.outer is None:
+        texts.append(
+            "alternating_limit is given without diameter. Give the diameter (or outer)"
+            " in m."
+        )
+    return texts
+
+
+def _rated_errors(link: Shaft | Damper) -> list[str]:
+    """Check that the maximum torque of a coupling is its largest."""
+    most = link.maximum_torque
+    return [
+        f"maximum_torque is {most:g} N m, less than {key} = {value:g} N m. It bounds"
+        " every instant: correct one of them."
+        for key in ("nominal_torque", "vibratory_torque")
+        if plain_number(value := getattr(link, key))
+        and plain_number(most)
+        and most < value
+    ]
 
 
 def _curve_errors(shaft: Shaft) -> list[str]:

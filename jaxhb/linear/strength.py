@@ -1,5 +1,6 @@
-"""Torsional stresses of shafts compared with their limits, tooth torques, and the heat
-of a link: an aid to evaluation, no approval by a class.
+"""Torsional stresses of shafts, tooth torques, heat, and torques, speeds and vibrations
+of couplings and disks compared with their limits: an aid to evaluation, no approval by
+a class.
 
 The rules with their sources are in :mod:`jaxhb.elements.rules`.
 """
@@ -7,6 +8,7 @@ The rules with their sources are in :mod:`jaxhb.elements.rules`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any, NamedTuple, cast
@@ -20,6 +22,7 @@ from jaxhb.elements.rules import RULES, Section
 from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.topology import Topology
 
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
@@ -260,6 +263,110 @@ class Heat(NamedTuple):
     limit: Number
 
 
+class Bounded(NamedTuple):
+    """A number of an element and its limit, ``(...)`` in their SI unit."""
+
+    value: Array
+    limit: Number
+
+
+class Running(NamedTuple):
+    """A ``motion`` of a train at speeds ``(...)`` of the reference rotor in rpm."""
+
+    train: DriveTrain
+    rpm: Array
+    motion: Any
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that elements of some ``tables`` give in the unit of a scene by a
+    ``key``; what :func:`judged` compares with it, ``read(running, name)``; and the
+    factor to the SI unit.
+    """
+
+    key: str
+    tables: tuple[str, ...]
+    read: Callable[[Running, str], Array]
+    factor: float = 1.0
+
+    def of(self, train: DriveTrain, name: str) -> Number:
+        """Limit of an element in its SI unit."""
+        topology = train.topology
+        table = next(table for table in self.tables if name in topology.names_of(table))
+        index = topology.names_of(table).index(name)
+        return self.factor * getattr(train.table(table), self.key)[index]
+
+
+def largest_torque(running: Running, name: str) -> Array:
+    """Largest size ``(...)`` N m of the torque of a shaft or damper."""
+    torque = running.motion.torque(name)
+    return namespace(torque.max).maximum(torque.max, -torque.min)
+
+
+def speed_of(running: Running, name: str) -> Array:
+    """Speed ``(...)`` rpm of the rotor of a shaft or damper."""
+    topology = running.train.topology
+    link, _ = topology.link_index(name)
+    disk, _ = topology.link_ends[link]
+    ratio = speed_ratios(running.train)[topology.rotor[disk]]
+    return abs(ratio) * namespace(running.rpm, ratio).asarray(running.rpm)
+
+
+def concentrated_stress(running: Running, name: str) -> Array:
+    """Additional alternating torsional stress ``(...)`` Pa of a crankshaft, ``tau_N``
+    times the larger of its factors: IACS UR M53, torsion alone.
+    """
+    train = running.train
+    topology = train.topology
+    link, _ = topology.link_index(name)
+    factors = [
+        getattr(train.shafts, key)[link]
+        for key in ("fillet_factor", "oil_bore_factor")
+        if topology.has_key(link, key)
+    ]
+    nominal = stress_of(train, name, running.motion.torque(name).half_peak_to_peak)
+    return nominal * namespace(factors).max(namespace(factors).asarray(factors))
+
+
+LINKED = ("shaft", "damper")
+LIMITS = {
+    "heat": Limit(
+        "power_limit", LINKED, lambda running, name: running.motion.power(name)
+    ),
+    "mean_torques": Limit(
+        "nominal_torque",
+        LINKED,
+        lambda running, name: abs(running.motion.torque(name).mean),
+    ),
+    "vibratory_torques": Limit(
+        "vibratory_torque",
+        LINKED,
+        lambda running, name: running.motion.torque(name).half_peak_to_peak,
+    ),
+    "largest_torques": Limit("maximum_torque", LINKED, largest_torque),
+    "speeds": Limit("speed_limit", LINKED, speed_of),
+    "crank_stresses": Limit("alternating_limit", ("shaft",), concentrated_stress),
+    "angles": Limit(
+        "angle_limit",
+        ("disk",),
+        lambda running, name: running.motion.disk(name).half_peak_to_peak,
+        math.pi / 180.0,
+    ),
+    "irregularities": Limit(
+        "speed_irregularity_limit",
+        ("disk",),
+        lambda running, name: abs(running.motion.irregularity(name)),
+    ),
+    "accelerations": Limit(
+        "acceleration_limit",
+        ("disk",),
+        lambda running, name: running.motion.acceleration(name).half_peak_to_peak,
+    ),
+}
+"""Limits of one number each, by the fields of a :class:`Strength`."""
+
+
 class Judged(NamedTuple):
     """Source of a rule; rpm up to which it has limits, up to which it requires
     stresses, and up to which these are computed; and whether they are all it requires,
@@ -284,6 +391,14 @@ class Strength:
     stresses : dict, :class:`Stress` of every shaft with a ``diameter`` or ``outer``
     tooth_torques : dict, :class:`ToothTorque` of every mesh with a ``rated_torque``
     heat : dict, :class:`Heat` of every shaft and damper with a ``power_limit``
+    mean_torques, vibratory_torques, largest_torques, speeds : dict, :class:`Bounded` of
+        every shaft and damper with a ``nominal_torque``, ``vibratory_torque``,
+        ``maximum_torque`` (N m) or ``speed_limit`` (rpm)
+    crank_stresses : dict, :class:`Bounded` of every shaft with an
+        ``alternating_limit``, Pa
+    angles, irregularities, accelerations : dict, :class:`Bounded` of every disk with an
+        ``angle_limit`` (rad), ``speed_irregularity_limit`` or ``acceleration_limit``
+        (rad/s2)
     rules : dict, name of the rule of every shaft with limits
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
     cycles, as no harmonic solution
@@ -295,12 +410,21 @@ class Strength:
     stresses: dict
     tooth_torques: dict
     heat: dict
+    mean_torques: dict = field(default_factory=dict)
+    vibratory_torques: dict = field(default_factory=dict)
+    largest_torques: dict = field(default_factory=dict)
+    speeds: dict = field(default_factory=dict)
+    crank_stresses: dict = field(default_factory=dict)
+    angles: dict = field(default_factory=dict)
+    irregularities: dict = field(default_factory=dict)
+    accelerations: dict = field(default_factory=dict)
     rules: dict = field(default_factory=dict)
     unconfirmed: np.ndarray | None = None
 
     def __bool__(self) -> bool:
         """Whether the scene has anything to judge by limits."""
-        return bool(self.stresses or self.tooth_torques or self.heat)
+        kinds = ("stresses", "tooth_torques", *LIMITS)
+        return any(getattr(self, kind) for kind in kinds)
 
     @property
     def barred(self) -> dict[str, tuple[BarredRange, ...]]:
@@ -354,8 +478,9 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     speed over ``rated_rpm`` after its ``rule``, see :func:`jaxhb.permissible_stress`
     (IACS UR M68: not for crankshafts). Every mesh with a ``rated_torque`` has half of
     the peak-to-peak torque on its first gear, which must not exceed a third of the
-    rated torque, nor may the torque reverse. Every shaft and damper with a
-    ``power_limit`` has its heat. An aid to evaluation, no class approval.
+    rated torque, nor may the torque reverse. Every shaft, damper and disk with a limit
+    of :data:`LIMITS` has the number that it bounds. An aid to evaluation, no class
+    approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
@@ -416,6 +541,15 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
             radius * force.half_peak_to_peak, limit, radius * force.mean, reverses
         )
 
+    def bounded(kind: str) -> dict[str, Bounded]:
+        limit = LIMITS[kind]
+        running = Running(train, rpm, motion)
+        return {
+            name: Bounded(limit.read(running, name), limit.of(train, name))
+            for table in limit.tables
+            for name in having(topology, table, limit.key)
+        }
+
     return Strength(
         rpm=rpm,
         rated_rpm=topology.rated_rpm,
@@ -424,17 +558,26 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
             name: tooth_torque(name)
             for name in having(topology, "mesh", "rated_torque")
         },
-        heat={
-            name: Heat(motion.power(name), power_limit(train, name))
-            for table in ("shaft", "damper")
-            for name in having(topology, table, "power_limit")
-        },
+        heat={name: Heat(*row) for name, row in bounded("heat").items()},
+        mean_torques=bounded("mean_torques"),
+        vibratory_torques=bounded("vibratory_torques"),
+        largest_torques=bounded("largest_torques"),
+        speeds=bounded("speeds"),
+        crank_stresses=bounded("crank_stresses"),
+        angles=bounded("angles"),
+        irregularities=bounded("irregularities"),
+        accelerations=bounded("accelerations"),
         rules=rules,
     )
 
 
 def having(topology: Topology, table: str, *keys: str) -> list[str]:
-    """Names of the links of a table that have one of the keys in the scene."""
+    """Names of the links, or disks, of a table that have one of the keys in the
+    scene.
+    """
+    if table == "disk":
+        disks = zip(topology.names_of(table), topology.disk_keys, strict=False)
+        return [name for name, present in disks if set(keys) & set(present)]
     names = topology.names_of(table) if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
     return [
@@ -495,9 +638,3 @@ def rated_gear(train: DriveTrain, name: str) -> tuple[Number, Number]:
     mesh = train.topology.mesh_names.index(name)
     first, _ = train.topology.mesh_ends[mesh]
     return train.disks.radius[first], SHARE_OF_RATED * train.meshes.rated_torque[mesh]
-
-
-def power_limit(train: DriveTrain, name: str) -> Number:
-    """Power in W that a shaft or damper may turn into heat."""
-    table, index = train.topology.elements[name]
-    return getattr(train, f"{table}s").power_limit[index]

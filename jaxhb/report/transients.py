@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from jaxhb.linear.forced import forced_response
-from jaxhb.linear.strength import BarredRange, having, strength, stress_limits
+from jaxhb.linear.strength import (
+    LIMITS,
+    BarredRange,
+    Running,
+    having,
+    speed_of,
+    strength,
+    stress_limits,
+)
 from jaxhb.results.motion import drive_sense
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.topology import Topology
@@ -54,6 +62,23 @@ class StressPeak:
 
 
 @dataclass(frozen=True)
+class Peak:
+    """Largest number of an element that a limit bounds at every instant, with its limit
+    in the SI unit: time in s, speed in rpm.
+    """
+
+    value: float
+    limit: float
+    time: float
+    rpm: float
+
+    @property
+    def share(self) -> float:
+        """Number over its limit."""
+        return self.value / self.limit
+
+
+@dataclass(frozen=True)
 class Passage:
     """Seconds between two speeds in rpm: those of a barred range of a shaft, of
     ``shaft`` "" any others.
@@ -68,13 +93,16 @@ class Passage:
 
 @dataclass(frozen=True)
 class TransientReport:
-    """A transient, how it began, its events, and what follows from it."""
+    """A transient, how it began, its events, and what follows from it; ``peaks`` by
+    fields of :class:`jaxhb.Strength` and elements.
+    """
 
     run: Transient
     start: str
     events: tuple[str, ...]
     stresses: dict[str, StressPeak]
     passages: list[Passage]
+    peaks: dict[str, dict[str, Peak]]
 
     @property
     def topology(self) -> Topology:
@@ -100,7 +128,34 @@ def transient_report(
         events=tuple(events),
         stresses={name: _stress_peak(run, name) for name in shafts},
         passages=[*_barred_passages(run), *chosen],
+        peaks={kind: _peaks(run, kind) for kind in AT_EVERY_INSTANT},
     )
+
+
+AT_EVERY_INSTANT = ("largest_torques", "speeds")
+"""Kinds of limits that hold at every instant, not over a cycle alone."""
+
+
+def _peaks(run: Transient, kind: str) -> dict[str, Peak]:
+    """Find the largest number of every element with a limit of a kind."""
+    peaks = {}
+    limit = LIMITS[kind]
+    names = [
+        name for table in limit.tables for name in having(run.topology, table, limit.key)
+    ]
+    for name in names:
+        if kind == "speeds":
+            values = np.asarray(speed_of(Running(run.train, run.rpm, run), name))
+        else:
+            values = np.abs(np.asarray(run.torque(name).values))
+        place = int(values.argmax())
+        peaks[name] = Peak(
+            value=float(values[place]),
+            limit=float(limit.of(run.train, name)),
+            time=float(run.time[place]),
+            rpm=float(run.rpm[place]),
+        )
+    return peaks
 
 
 def has_curve(topology: Topology) -> bool:

@@ -411,9 +411,10 @@ def _topology(
         ),
         # They turn alike.
         phase_turn=tuple(rounded(ratio[disks[0]] * cycle) for disks in phased_disks),
-        link_keys=derived.link_keys(
+        link_keys=derived.present_keys(
             [link for table in derived.LINKS for link in elements[table]]
         ),
+        disk_keys=derived.present_keys(elements["disk"], derived.LIMITS_OF_DISKS),
         hz_links=tuple(i for i, link in enumerate(links) if link.over_hz),
         amplitude_links=tuple(i for i, link in enumerate(links) if link.over_amplitude),
         order_links=tuple(

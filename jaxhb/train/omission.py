@@ -168,7 +168,7 @@ def _topology(
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(topology):
         table, _, suffix = field.name.partition("_")
-        if table not in keep or field.name == "disk_names":
+        if table not in keep or field.name in ("disk_names", "disk_keys"):
             continue
         rows: list[Any] = [
             getattr(topology, field.name)[index] for index in keep[table]
@@ -242,6 +242,11 @@ def _topology(
         link_keys=(
             tuple(keys[link] for link in links)
             if any(keys[link] for link in links if keys)
+            else ()
+        ),
+        disk_keys=(
+            tuple(topology.disk_keys[disk] for disk in keep["disk"])
+            if any(topology.disk_keys[disk] for disk in keep["disk"] if topology.disk_keys)
             else ()
         ),
     )

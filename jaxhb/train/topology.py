@@ -44,7 +44,8 @@ class Topology:
     are the rows of its S-N curve and their source. ``phase_members`` are the elements
     of each kind of excitation that each phase turns, ``phase_turn`` the harmonics of
     the cycle per order of their rotor. ``link_keys`` names for each link which of the
-    keys that may be absent it has; empty where no link has any.
+    keys that may be absent it has, ``disk_keys`` for each disk of the scene which
+    limits; empty where none has any.
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
 
@@ -93,6 +94,7 @@ class Topology:
     rpm_tables: tuple[tuple[str, str, int, int], ...] = ()
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
+    disk_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
     reference_disk: int = 0
     events: tuple[EventSeat, ...] = ()

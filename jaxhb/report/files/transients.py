@@ -10,9 +10,9 @@ import numpy as np
 
 from jaxhb.report.files.numbers import on_scene
 from jaxhb.report.files.output import Sheet
-from jaxhb.report.text.strength import AID
+from jaxhb.report.text.strength import AID, LIMITED
 from jaxhb.report.text.transients import transient_verdict
-from jaxhb.report.transients import Passage, StressPeak, TransientReport
+from jaxhb.report.transients import Passage, Peak, StressPeak, TransientReport
 from jaxhb.results.quantities import VIBRATIONS, names_of
 from jaxhb.transients.history import History
 from jaxhb.transients.motion import Transient
@@ -51,6 +51,13 @@ def transient_record(report: TransientReport) -> dict[str, Any]:
             "rated_rpm": topology.rated_rpm,
             "stresses": {
                 name: _stress_record(peak) for name, peak in report.stresses.items()
+            },
+            **{
+                kind: {
+                    name: _peak_record(peak, LIMITED[kind].suffix)
+                    for name, peak in peaks.items()
+                }
+                for kind, peaks in report.peaks.items()
             },
         },
         "passages": [_passage_record(passage) for passage in report.passages],
@@ -108,6 +115,17 @@ def _stress_record(peak: StressPeak) -> dict[str, Any]:
         "largest_amplitude_Pa": fatigue.amplitude,
         "damage": fatigue.damage,
         "sn_source": fatigue.curve.source,
+    }
+
+
+def _peak_record(peak: Peak, suffix: str) -> dict[str, float]:
+    """Record a number that a limit bounds at every instant."""
+    return {
+        f"value{suffix}": peak.value,
+        f"limit{suffix}": peak.limit,
+        "time_s": peak.time,
+        "rpm": peak.rpm,
+        "share": peak.share,
     }
 
 

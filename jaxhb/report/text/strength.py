@@ -1,4 +1,4 @@
-"""Stresses, tooth torques and heat beside their limits, as text and as plain
+"""Stresses, torques, heat and vibrations beside their limits, as text and as plain
 numbers.
 """
 
@@ -15,6 +15,7 @@ from jaxhb.elements.rules import RULES
 from jaxhb.linear.strength import (
     NEAR,
     BarredRange,
+    Bounded,
     Heat,
     Strength,
     Stress,
@@ -36,7 +37,8 @@ ENOUGH = 50  # speeds from which barred ranges are found
 class Limited:
     """A kind of rows of a :class:`jaxhb.Strength`: title of its table, head of its
     elements, SI unit, heads of its numbers in tables and CSV files (the first has the
-    second as its limit), and what figures call its limits.
+    second as its limit), what figures call its limits, and what readers are told of it
+    below the tables.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Limited:
     si_unit: str
     heads: dict[str, tuple[str, str]]
     limits: dict[str, str]
+    note: str = ""
 
     @property
     def field(self) -> str:
@@ -65,7 +68,12 @@ class Limited:
         """Factor from the SI unit, and the unit for people."""
         return shown_unit(self.si_unit)
 
-    def worst(self, row: Stress | ToothTorque | Heat) -> tuple[float, int | None]:
+    @property
+    def suffix(self) -> str:
+        """End of the keys of its numbers in JSON files, the SI unit."""
+        return "" if self.si_unit == "1" else f"_{self.si_unit.replace(' ', '')}"
+
+    def worst(self, row: Stress | ToothTorque | Heat | Bounded) -> tuple[float, int | None]:
         """The largest share of the first limit, nan without one, and its place: without
         one that of the largest number; None where nothing is known.
         """
@@ -78,6 +86,14 @@ class Limited:
             return np.nan, None
         place = int(np.nanargmax(judged_by))
         return float(shares[place]), place
+
+
+def _bounded(
+    title: str, element: str, si_unit: str, called: str, limit: str, note: str = ""
+) -> Limited:
+    """Make the kind of :class:`jaxhb.linear.strength.Bounded` numbers."""
+    heads = {"value": (called, called), "limit": ("limit", limit)}
+    return Limited(f"{title} ({AID})", element, si_unit, heads, {"limit": limit}, note)
 
 
 LIMITED = {
@@ -111,6 +127,69 @@ LIMITED = {
         {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
         {"limit": "limit"},
     ),
+    "mean_torques": _bounded(
+        "Mean torque of couplings, N m, beside the nominal torque T_KN",
+        "coupling",
+        "N m",
+        "mean torque",
+        "nominal torque",
+    ),
+    "vibratory_torques": _bounded(
+        "Vibratory torque of couplings, N m: half peak-to-peak, beside the permissible"
+        " one T_KW",
+        "coupling",
+        "N m",
+        "vibratory torque",
+        "permissible vibratory torque",
+    ),
+    "largest_torques": _bounded(
+        "Largest torque of couplings, N m, beside the maximum torque T_Kmax",
+        "coupling",
+        "N m",
+        "largest torque",
+        "maximum torque",
+    ),
+    "speeds": _bounded(
+        "Speed of couplings, rpm of their own rotor",
+        "coupling",
+        "rpm",
+        "speed",
+        "speed limit",
+    ),
+    "crank_stresses": _bounded(
+        "Alternating torsional stress of crankshafts, MPa: nominal one times the larger"
+        " of its factors",
+        "shaft",
+        "Pa",
+        "alternating stress",
+        "limit of alternating stress",
+        "Alternating stresses of crankshafts are the part of IACS UR M53 that is"
+        " torsion: half of peak-to-peak torque / W_p\ntimes alpha_T or beta_T of"
+        " fillets, gamma_T of oil bores, against the limit that the scene gives. Bending"
+        " and its\ncombination with torsion, and the acceptability factor, are out of"
+        " reach of this program.",
+    ),
+    "angles": _bounded(
+        "Vibratory angle of disks, deg: half peak-to-peak",
+        "disk",
+        "rad",
+        "vibratory angle",
+        "limit of the vibratory angle",
+    ),
+    "irregularities": _bounded(
+        "Cyclic irregularity of disks, %: (largest - smallest) / mean speed",
+        "disk",
+        "1",
+        "cyclic irregularity",
+        "limit of cyclic irregularity",
+    ),
+    "accelerations": _bounded(
+        "Angular acceleration of disks, rad/s2: half peak-to-peak",
+        "disk",
+        "rad/s2",
+        "angular acceleration",
+        "limit of angular acceleration",
+    ),
 }
 """Kinds of rows by the fields of a :class:`jaxhb.Strength`."""
 
@@ -132,9 +211,10 @@ class Share:
     @property
     def said(self) -> str:
         """The limit in a sentence: ``the continuous limit``."""
-        return {"limit": "its limit", "continuous limit": "the continuous limit"}.get(
-            self.kind.limit, self.kind.limit
-        )
+        limit = self.kind.limit
+        if limit == "limit":
+            return "its limit"
+        return limit if limit.startswith("a ") else f"the {limit}"
 
 
 def largest_shares(
@@ -206,6 +286,8 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
                 sources[note] = None
                 if len(strength.rpm) > 1:
                     blocks.append(_barred_text(strength, name))
+        notes = [LIMITED[kind].note for kind in LIMITED if getattr(strength, kind)]
+        sources |= dict.fromkeys(filter(None, notes))
         if title and blocks:
             blocks[0] = f"{title}\n{blocks[0]}"
         parts += blocks
@@ -375,7 +457,7 @@ def strength_record(
         "judged": {rule: reach._asdict() for rule, reach in strength.judged.items()},
     }
     for kind, limited in LIMITED.items():
-        ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
+        ends = dict.fromkeys(limited.heads, limited.suffix)
         record[kind] = {
             name: {
                 field + ends.get(field, ""): (

@@ -17,7 +17,7 @@ from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
 from jaxhb.report.text.sentences import firing_lines, remarks_text
-from jaxhb.report.text.strength import AID, range_text
+from jaxhb.report.text.strength import AID, LIMITED, range_text
 from jaxhb.report.transients import (
     BARRED_SPEEDS,
     Fatigue,
@@ -39,6 +39,7 @@ def transient_text(report: TransientReport) -> str:
 def transient_parts(report: TransientReport) -> list[str]:
     """Make verdict, duration and speeds, tables, passages, and what limits are of."""
     parts = [_head(report), *_tables(report), *_stress_parts(report)]
+    parts += _peak_tables(report)
     return [*parts, *_passage_parts(report), *_rule_parts(report)]
 
 
@@ -221,6 +222,24 @@ def _stress_parts(report: TransientReport) -> list[str]:
     if counted:
         parts.append(_sources(stresses))
     return parts
+
+
+def _peak_tables(report: TransientReport) -> Iterator[Table]:
+    """Make the tables of numbers that a limit bounds at every instant."""
+    for kind, peaks in report.peaks.items():
+        factor, _ = LIMITED[kind].shown
+        columns = [
+            Column(LIMITED[kind].element, read=lambda row: row[0]),
+            Column(
+                LIMITED[kind].called, "number", lambda row, by=factor: by * row[1].value
+            ),
+            Column("at s", number, lambda row: row[1].time),
+            Column("at rpm", number, lambda row: row[1].rpm),
+            Column("limit", "number", lambda row, by=factor: by * row[1].limit),
+            Column("share", ratio, lambda row: (row[1].value, row[1].limit)),
+        ]
+        if peaks:
+            yield Table(LIMITED[kind].title, columns, list(peaks.items()))
 
 
 def _rule_parts(report: TransientReport) -> list[str]:
