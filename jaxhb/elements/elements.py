@@ -30,7 +30,6 @@ from jaxhb.elements.declared import (
 )
 from jaxhb.elements.events import Event
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
 
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 _FORM_FACTOR = (
@@ -172,7 +171,7 @@ class Shaft(Rated):
     yield_strength: float | None = quantity(
         "Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8."
     )
-    rule: str = choice(*RULES)
+    rule: str | None = declared("text", None)
     fillet_factor: float | None = positive("", None)
     oil_bore_factor: float | None = positive("", None)
     alternating_limit: float | None = quantity(
@@ -323,10 +322,19 @@ class Phase:
     angle: float = quantity("deg", 0.0)
 
 
+TACHOMETER = 0.01
+"""Tolerance of the tachometer as a share of the rated speed, unless it is given."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: settings of the whole train; ``notes`` are texts that every check
     and report repeats.
+
+    ``rules`` chooses rules by name and files with rules of the user; the first one of
+    shafts judges those that name none. ``tachometer_tolerance``, a share of the rated
+    speed, widens barred ranges, and ``operating_rpm`` = [lowest, highest] are the
+    speeds over which separation margins are judged.
     """
 
     name: str | None = declared("name", None)
@@ -335,6 +343,9 @@ class Head:
     revolutions_per_cycle: float = positive("", 2.0)
     reference: str | None = declared("disk", None)
     rated_rpm: float | None = positive("rpm", None)
+    rules: tuple = declared("list", ())
+    tachometer_tolerance: float = quantity("", TACHOMETER, least=0.0, most=0.1)
+    operating_rpm: tuple = declared("list", ())
 
 
 TABLES: dict[str, Any] = {

@@ -23,7 +23,8 @@ from jaxhb.elements.elements import (
 )
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
+from jaxhb.elements.rules import Rule
+from jaxhb.elements.rules.chosen import STRENGTH_KEYS, lacking
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
     is_present,
@@ -32,15 +33,6 @@ from jaxhb.elements.values import (
     plain_number,
     row_errors,
 )
-
-_STRENGTH_KEYS = {
-    "diameter": "diameter (or outer) in m",
-    "stress_concentration": (
-        "stress_concentration (C_K of the form, 1 for an integral flange, less"
-        " otherwise)"
-    ),
-    "tensile_strength": "tensile_strength in Pa",
-}
 
 
 def over_rpm_errors(name: str, rows: Any, *, least_is_excluded: bool) -> list[str]:
@@ -408,7 +400,7 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
 
 
 def _section_errors(shaft: Shaft) -> list[str]:
-    """Check the section of a shaft, and the numbers that its stress limits need."""
+    """Check the section of a shaft."""
     texts = []
     bore = _present_keys(shaft, "bore")
     if bore and shaft.diameter is None:
@@ -417,31 +409,35 @@ def _section_errors(shaft: Shaft) -> list[str]:
         )
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
+    return texts
+
+
+def rule_errors(shaft: Shaft, rule: Rule) -> list[str]:
+    """Check that a shaft has the numbers that its limits need, and none without a part
+    in them.
+    """
+    texts = []
     asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
-    rule = RULES.get(shaft.rule) if isinstance(shaft.rule, str) else None
-    needs = _STRENGTH_KEYS if rule is None else rule.needs
-    lacking = [
-        key
-        for key in needs
-        if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
-    ]
-    if rule is not None and not rule.default:
+    if shaft.rule is not None and not rule.default:
         asking = ["rule"]
-    if asking and lacking:
-        title = shaft.rule if rule is None else rule.title or rule.name
+    present = [
+        key for key in (*STRENGTH_KEYS, "outer") if getattr(shaft, key) is not None
+    ]
+    missing = lacking(rule, present)
+    if asking and missing:
         limits = (
             f"{joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
-            f" limits of {title}"
+            f" limits of {rule.title or rule.name}"
         )
         texts.append(
-            f"{limits}, without {joined(lacking)}. Give"
-            f" {joined(_STRENGTH_KEYS[key] for key in lacking)}."
+            f"{limits}, without {joined(missing)}. Give"
+            f" {joined(STRENGTH_KEYS[key] for key in missing)}."
         )
     texts += [
-        f"{key} has no part in the limits of {shaft.rule}. Leave it out, or name"
+        f"{key} has no part in the limits of {rule.name}. Leave it out, or name"
         " another rule."
-        for key in (() if rule is None else rule.unread)
-        if getattr(shaft, key) is not None
+        for key in rule.unread
+        if getattr(shaft, key) is not None and (shaft.rule or rule.default)
     ]
     return texts
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
@@ -18,7 +18,8 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
-from jaxhb.elements.rules import RULES, Section
+from jaxhb.elements.rules import RULES, Rule, Section
+from jaxhb.elements.rules.chosen import GEARS
 from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
@@ -51,7 +52,10 @@ def permissible_stress(
     diameter: Number = math.nan,
     stress_concentration: Number = math.nan,
     yield_strength: Number = 0.0,
-    rule: str = "M68",
+    bore: Number = 0.0,
+    nominal_torque: Number = math.nan,
+    rated_rpm: Number = math.nan,
+    rule: str | Rule = "M68",
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after a rule, continuous
     and transient.
@@ -94,7 +98,9 @@ def permissible_stress(
 
     with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which
     the rule counts 590 MPa at the most for carbon steels. They do not depend on the
-    diameter. ValueError if there is no such rule.
+    diameter. ``rule`` may be a rule of a file (``jaxhb.elements.rules.written``), which
+    may also read the ``bore`` in m, the ``nominal_torque`` in N m and ``rated_rpm``.
+    ValueError if there is no such rule.
 
     Examples
     --------
@@ -103,17 +109,25 @@ def permissible_stress(
     >>> [(limit / 1e6).round(2).tolist() for limit in limits]
     [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
     """
-    if rule not in RULES:
-        raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
-    xp = namespace(
-        diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio
+    if not isinstance(rule, Rule):
+        if rule not in RULES:
+            raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
+        rule = RULES[rule]
+    section = Section(
+        diameter=diameter,
+        tensile_strength=tensile_strength,
+        stress_concentration=stress_concentration,
+        yield_strength=yield_strength,
+        bore=bore,
+        nominal_torque=nominal_torque,
+        rated_rpm=rated_rpm,
     )
+    xp = namespace(*vars(section).values(), speed_ratio)
     ratio = xp.asarray(speed_ratio, dtype=float)
-    section = Section(diameter, tensile_strength, stress_concentration, yield_strength)
     # Both are masked, not one computed from the other: the derivative of an infinite
     # limit would be nan.
-    continuous, transient = RULES[rule].limits(section, ratio)
-    beyond = ratio > RULES[rule].highest
+    continuous, transient = rule.limits(section, ratio)
+    beyond = ratio > rule.highest
     return (
         xp.where(beyond, math.inf, continuous),
         xp.where(beyond, math.inf, transient),
@@ -133,6 +147,9 @@ class BarredRange:
     largest over the transient limit
     open_below, open_above : bool, whether the stress is above its limit at the first or
     last computed speed
+    rule_low, rule_high : float or None, rpm, of the range that the rule bars around the
+    critical speed ``at``, None of a rule without; tolerance : float, rpm, of the
+    tachometer, by which that rule widens the range above the limit
     """
 
     low: float
@@ -142,6 +159,43 @@ class BarredRange:
     transient_share: float
     open_below: bool = False
     open_above: bool = False
+    rule_low: float | None = None
+    rule_high: float | None = None
+    tolerance: float = 0.0
+
+    @property
+    def bar_low(self) -> Number:
+        """Lowest speed in rpm that is to be barred: of the range above the limit with
+        the tolerance, and of that of the rule.
+        """
+        low = self.low - self.tolerance
+        if self.rule_low is None:
+            return low
+        return namespace(low, self.rule_low).minimum(low, self.rule_low)
+
+    @property
+    def bar_high(self) -> Number:
+        """Highest speed in rpm that is to be barred."""
+        high = self.high + self.tolerance
+        if self.rule_high is None:
+            return high
+        return namespace(high, self.rule_high).maximum(high, self.rule_high)
+
+    def widened(
+        self, rule: Rule, rated_rpm: float, tachometer_tolerance: float
+    ) -> BarredRange:
+        """The range with that of a rule around its critical speed, and with the
+        tolerance as a share of the rated speed; itself of a rule without such a range.
+        """
+        if rule.barred is None:
+            return self
+        low, high = rule.barred(self.at, rated_rpm)
+        return replace(
+            self,
+            rule_low=low,
+            rule_high=high,
+            tolerance=tachometer_tolerance * rated_rpm,
+        )
 
     @property
     def passable(self) -> bool:
@@ -399,7 +453,10 @@ class Strength:
     angles, irregularities, accelerations : dict, :class:`Bounded` of every disk with an
         ``angle_limit`` (rad), ``speed_irregularity_limit`` or ``acceleration_limit``
         (rad/s2)
-    rules : dict, name of the rule of every shaft with limits
+    rules : dict, name of the rule of every shaft with limits; known : dict, the rules
+        by name
+    tachometer_tolerance : share of the rated speed by which barred ranges are widened
+    not_firing : names of the cylinders without injection
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
     cycles, as no harmonic solution
         repeats the motion
@@ -419,6 +476,9 @@ class Strength:
     irregularities: dict = field(default_factory=dict)
     accelerations: dict = field(default_factory=dict)
     rules: dict = field(default_factory=dict)
+    known: dict = field(default_factory=lambda: RULES, repr=False)
+    tachometer_tolerance: float = 0.0
+    not_firing: tuple[str, ...] = ()
     unconfirmed: np.ndarray | None = None
 
     def __bool__(self) -> bool:
@@ -431,15 +491,18 @@ class Strength:
         """Barred speed ranges of every shaft with limits, see
         :func:`jaxhb.barred_ranges`; of several speeds.
         """
-        limited = {
-            name: row
-            for name, row in self.stresses.items()
-            if row.continuous is not None
-        }
-        return {
-            name: barred_ranges(self.rpm, row.stress, row.continuous, row.transient)
-            for name, row in limited.items()
-        }
+        barred = {}
+        for name, row in self.stresses.items():
+            if row.continuous is None:
+                continue
+            rule = self.known[self.rules[name]]
+            ranges = barred_ranges(self.rpm, row.stress, row.continuous, row.transient)
+            assert self.rated_rpm is not None  # limits are those of a rated speed
+            barred[name] = tuple(
+                each.widened(rule, self.rated_rpm, self.tachometer_tolerance)
+                for each in ranges
+            )
+        return barred
 
     @property
     def judged(self) -> dict[str, Judged]:
@@ -448,13 +511,14 @@ class Strength:
         """
         by_rule: dict = {}
         for name, rule in self.rules.items():
+            known = self.known[rule]
             stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
             reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))
             rated = self.rated_rpm or 0.0
-            required = RULES[rule].required * rated
+            required = known.required * rated
             judgement = Judged(
-                source=RULES[rule].source,
-                limits_to_rpm=RULES[rule].highest * rated,
+                source=known.source,
+                limits_to_rpm=known.highest * rated,
                 asked_to_rpm=required,
                 known_to_rpm=reached,
                 complete=reached >= (1 - NEAR) * required,
@@ -530,7 +594,7 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         link, _ = topology.link_index(name)
         if topology.has_key(link, "tensile_strength"):
             continuous, transient = stress_limits(train, name, rpm)
-            rules[name] = topology.shaft_rules[link]
+            rules[name] = topology.rule_of(link).name
         stresses[name] = Stress(stress, continuous, transient)
 
     def tooth_torque(name: str) -> ToothTorque:
@@ -557,6 +621,7 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         tooth_torques={
             name: tooth_torque(name)
             for name in having(topology, "mesh", "rated_torque")
+            if GEARS in topology.rules.names
         },
         heat={name: Heat(*row) for name, row in bounded("heat").items()},
         mean_torques=bounded("mean_torques"),
@@ -568,6 +633,13 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         irregularities=bounded("irregularities"),
         accelerations=bounded("accelerations"),
         rules=rules,
+        known=topology.rules.rules,
+        tachometer_tolerance=topology.tachometer_tolerance,
+        not_firing=tuple(
+            name
+            for name in topology.cylinder_names
+            if name not in topology.firing_cylinders
+        ),
     )
 
 
@@ -618,15 +690,17 @@ def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Arr
     shafts = train.shafts
     optional = {
         key: getattr(shafts, key)[shaft]
-        for key in ("stress_concentration", "yield_strength")
+        for key in ("stress_concentration", "yield_strength", "nominal_torque")
         if train.topology.has_key(shaft, key)
     }
-    diameter, _ = section(train, name)
+    diameter, bore = section(train, name)
     return permissible_stress(
         diameter=diameter,
+        bore=bore,
+        rated_rpm=train.topology.rated_rpm,
         tensile_strength=shafts.tensile_strength[shaft],
         speed_ratio=namespace(rpm).asarray(rpm) / train.topology.rated_rpm,
-        rule=train.topology.shaft_rules[shaft],
+        rule=train.topology.rule_of(shaft),
         **optional,
     )
 

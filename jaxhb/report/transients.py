@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb.elements.rules import Rule
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.strength import (
     LIMITS,
@@ -57,7 +58,7 @@ class StressPeak:
     rpm: float
     limit: float
     share: float
-    rule: str
+    rule: Rule | None
     fatigue: Fatigue | None
 
 
@@ -171,9 +172,9 @@ def _stress_peak(run: Transient, name: str) -> StressPeak:
     amplitude = (envelope.highest - envelope.lowest) / 2
     limits = np.full(len(amplitude), np.nan)
     link, _ = topology.link_index(name)
-    rule = ""
+    rule = None
     if topology.has_key(link, "tensile_strength"):
-        rule = topology.shaft_rules[link]
+        rule = topology.rule_of(link)
         limits = np.asarray(stress_limits(run.train, name, envelope.rpm)[1])
         limits = np.where(np.isfinite(limits), limits, np.nan)
     shares = amplitude / limits

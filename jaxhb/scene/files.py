@@ -11,14 +11,16 @@ import difflib
 import os
 import re
 import tomllib
+from collections.abc import Iterable
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.declared import Unread
-from jaxhb.elements.elements import TABLES, Head
+from jaxhb.elements.elements import TABLES, TACHOMETER, Head
 from jaxhb.elements.engine import Engine
+from jaxhb.elements.rules.chosen import DEFAULT, File
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
@@ -101,6 +103,9 @@ def load_scene(name: str | Path) -> DriveTrain:
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
+        rules=_rules(head, path, errors),
+        tachometer_tolerance=head.get("tachometer_tolerance", TACHOMETER),
+        operating_rpm=head.get("operating_rpm", ()),
         source=path.name,
         findings=errors,
         complete=whole and not lost,
@@ -118,6 +123,42 @@ def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, .
         " Correct it."
     )
     return ()
+
+
+def _rules(
+    head: dict[str, Any], path: Path, errors: list[str]
+) -> tuple[str | File, ...]:
+    """Read the rules of ``[scene]``: names, and files beside the scene."""
+    rules = head.get("rules", DEFAULT)
+    if not isinstance(rules, list | tuple) or not all(
+        isinstance(rule, str) for rule in rules
+    ):
+        errors.append(
+            f"{path.name}, [scene]: rules is {shown(rules)}, must be a list of names"
+            " and files. Correct it."
+        )
+        return DEFAULT
+    try:
+        return read_rules(rules, path.parent)
+    except SceneError as error:
+        errors += [f"{path.name}, [scene]: rules: {text}" for text in error.sentences]
+        return DEFAULT
+
+
+def read_rules(rules: Iterable[str], folder: Path) -> tuple[str | File, ...]:
+    """Read the files among names of rules, those that end in ``.toml``;
+    :class:`SceneError` where one cannot be read.
+    """
+    entries: list[str | File] = []
+    for rule in rules:
+        if not rule.endswith(".toml"):
+            entries.append(rule)
+            continue
+        try:
+            entries.append(File(Path(rule).name, read_text(folder / rule)))
+        except Unreadable as error:
+            raise SceneError(f"{cut(rule)}: {error}") from None
+    return tuple(entries)
 
 
 def _folder() -> Path:

@@ -6,7 +6,7 @@ A ``.toml`` stays as it was written, comments included, except where it changes.
 
 import dataclasses
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,6 +89,9 @@ def elements_text(
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     sequences: dict[str, dict[str, Any]] | None = None,
+    rules: Sequence[str] | None = None,
+    tachometer_tolerance: float | None = None,
+    operating_rpm: Sequence[float] | None = None,
 ) -> str:
     """Write TOML that loads to the train of :func:`jaxhb.build` with the same
     arguments.
@@ -105,6 +108,9 @@ def elements_text(
         "reference": reference,
         "revolutions_per_cycle": revolutions_per_cycle,
         "rated_rpm": rated_rpm,
+        "rules": _plain(rules),
+        "tachometer_tolerance": tachometer_tolerance,
+        "operating_rpm": _plain(operating_rpm),
     }
     content: dict[str, Any] = {
         "scene": {key: value for key, value in head.items() if value is not None}

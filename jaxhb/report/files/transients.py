@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxhb.report.files.numbers import on_scene
 from jaxhb.report.files.output import Sheet
-from jaxhb.report.text.strength import AID, LIMITED
+from jaxhb.report.text.strength import AID, LIMITED, range_record
 from jaxhb.report.text.transients import transient_verdict
 from jaxhb.report.transients import Passage, Peak, StressPeak, TransientReport
 from jaxhb.results.quantities import VIBRATIONS, names_of
@@ -105,7 +105,7 @@ def _stress_record(peak: StressPeak) -> dict[str, Any]:
         "rpm": peak.rpm,
         "transient_Pa": peak.limit,
         "share": peak.share,
-        "rule": peak.rule or None,
+        "rule": peak.rule.name if peak.rule else None,
     }
     fatigue = peak.fatigue
     if fatigue is None:
@@ -137,7 +137,7 @@ def _passage_record(passage: Passage) -> dict[str, Any]:
         "high_rpm": passage.high,
         "seconds": passage.seconds,
         "shaft": passage.shaft or None,
-        "barred": None if barred is None else vars(barred),
+        "barred": None if barred is None else range_record(barred),
     }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb._shown import ranges
-from jaxhb.elements.rules import RULES
+from jaxhb.elements.rules import Rule
 from jaxhb.linear.strength import (
     NEAR,
     BarredRange,
@@ -281,7 +281,7 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
         ]
         if any(row.continuous is not None for row in strength.stresses.values()):
             for name in strength.judged:
-                rule = RULES[name]
+                rule = strength.known[name]
                 note = rule.note.format(source=rule.source, rated=strength.rated_rpm)
                 sources[note] = None
                 if len(strength.rpm) > 1:
@@ -343,23 +343,24 @@ def _where(rpm: np.ndarray, happens: np.ndarray) -> str:
     return f"at {ranges(list(rpm), rpm[happens])} rpm" if np.any(happens) else NONE
 
 
-def _barred_text(strength: Strength, rule: str) -> str:
+def _barred_text(strength: Strength, rule_name: str) -> str:
     """The speeds that a rule bars, one range a line, from how many speeds it was
     judged, and where it was not.
     """
     limited = {
         name: strength.stresses[name]
         for name, shaft_rule in strength.rules.items()
-        if shaft_rule == rule
+        if shaft_rule == rule_name
     }
+    rule = strength.known[rule_name]
     barred = [
         (name, barred_range)
         for name in limited
         for barred_range in strength.barred[name]
     ]
-    after = "" if RULES[rule].default else f" after {rule}"
-    share = RULES[rule].highest
-    reach = strength.judged[rule]
+    after = "" if rule.default else f" after {rule.name}"
+    share = rule.highest
+    reach = strength.judged[rule_name]
     first = next(iter(limited.values()))
     rpm = np.asarray(strength.rpm)
     rated = strength.rated_rpm
@@ -367,15 +368,17 @@ def _barred_text(strength: Strength, rule: str) -> str:
     within = np.isfinite(first.continuous)
     lines = []
     if within.any():
-        head = "Barred speed ranges" if barred else "No barred speed range"
+        kind = "restricted" if strength.not_firing else "barred"
+        head = f"{kind.capitalize()} speed ranges" if barred else f"No {kind} speed range"
         lines = [
             f"{head}{after} between {rpm[within].min():g} and {rpm[within].max():g} rpm"
             f" ({AID})"
         ]
         lines += [
-            range_text(name, barred_range, RULES[rule].passed, rated)
+            range_text(name, barred_range, rule, rated) + _around(barred_range, rule)
             for name, barred_range in barred
         ]
+        lines += _to_bar([each for _, each in barred], rule, strength)
         speeds = rpm[within & np.isfinite(first.stress)]
         highest = share * rated
         few = (
@@ -406,7 +409,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
         speed = (
-            f"{RULES[rule].required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
+            f"{rule.required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
         )
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
@@ -418,11 +421,9 @@ def _barred_text(strength: Strength, rule: str) -> str:
 
 
 def range_text(
-    name: str, barred_range: BarredRange, share: float, rated_rpm: float
+    name: str, barred_range: BarredRange, rule: Rule, rated_rpm: float
 ) -> str:
-    """One barred range of a shaft as a line; above the ``share`` of the rated speed the
-    rule accepts none.
-    """
+    """One barred range of a shaft as a line, and whether the rule accepts one there."""
     low = f"{barred_range.low:.4g}{' or below' * barred_range.open_below}"
     high = f"{barred_range.high:.4g}{' or above' * barred_range.open_above}"
     passing = (
@@ -431,14 +432,52 @@ def range_text(
         else f"ABOVE THE TRANSIENT LIMIT ({barred_range.transient_share:.2f} of it)"
     )
     late = (
-        f"; not accepted above {share:g} of the rated speed"
-        if barred_range.high > share * rated_rpm
+        f"; not accepted above {rule.passed:g} of the rated speed"
+        if barred_range.bar_high > rule.passed * rated_rpm
         else ""
     )
     return (
         f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
         f" limit at {barred_range.at:g} rpm, {passing}{late}"
     )
+
+
+def _around(barred_range: BarredRange, rule: Rule) -> str:
+    """The range that a rule bars around a critical speed; empty of a rule without."""
+    if barred_range.rule_low is None:
+        return ""
+    return (
+        f"; {rule.range_source} around {barred_range.at:g} rpm:"
+        f" {barred_range.rule_low:.4g} to {barred_range.rule_high:.4g} rpm"
+    )
+
+
+def _to_bar(
+    barred: Sequence[BarredRange], rule: Rule, strength: Strength
+) -> list[str]:
+    """The speeds that are to be barred together, in a list; empty of a rule that gives
+    no range around a critical speed.
+    """
+    if rule.barred is None or not barred:
+        return []
+    united: list[list[float]] = []
+    for low, high in sorted((float(each.bar_low), float(each.bar_high)) for each in barred):
+        if united and low <= united[-1][1]:
+            united[-1][1] = max(united[-1][1], high)
+        else:
+            united.append([low, high])
+    listed = ", ".join(f"{low:.4g} to {high:.4g} rpm" for low, high in united)
+    tolerance = barred[0].tolerance
+    share = 100 * strength.tachometer_tolerance
+    words = (
+        f"To be barred and passed rapidly: {listed} (above the limit with {tolerance:g}"
+        f" rpm = {share:g} % of the rated speed for the tachometer, and"
+        f" {rule.range_source} around each critical speed)."
+    )
+    if strength.not_firing:
+        words = words.replace("To be barred", "Restricted with this misfire")
+        words += " What is left must allow to navigate safely."
+    return [words]
 
 
 def strength_record(
@@ -469,10 +508,18 @@ def strength_record(
         }
     for name, barred_ranges in () if one_speed else strength.barred.items():
         record["stresses"][name]["barred"] = [
-            vars(barred_range) | {"passable": barred_range.passable}
-            for barred_range in barred_ranges
+            range_record(barred_range) for barred_range in barred_ranges
         ]
     return {"strength": record}
+
+
+def range_record(barred_range: BarredRange) -> dict[str, Any]:
+    """Record of a barred range, speeds in rpm."""
+    return vars(barred_range) | {
+        "passable": barred_range.passable,
+        "bar_low": barred_range.bar_low,
+        "bar_high": barred_range.bar_high,
+    }
 
 
 def strength_columns(strength: Strength) -> dict[str, np.ndarray]:

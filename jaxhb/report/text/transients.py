@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._shown import number
-from jaxhb.elements.rules import RULES
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
@@ -247,8 +246,7 @@ def _rule_parts(report: TransientReport) -> list[str]:
     rated = report.topology.rated_rpm
     rules = [peak.rule for peak in report.stresses.values() if peak.rule]
     notes = [
-        RULES[rule].note.format(source=RULES[rule].source, rated=rated)
-        for rule in rules
+        rule.note.format(source=rule.source, rated=rated) for rule in rules
     ]
     return list(dict.fromkeys(notes))
 
@@ -282,8 +280,9 @@ def _passage_parts(report: TransientReport) -> list[str]:
     for passage in report.passages:
         text = f"  {passage.low:.4g} to {passage.high:.4g} rpm"
         if passage.barred is not None and rated is not None:
-            passed = RULES[report.stresses[passage.shaft].rule].passed
-            text = range_text(passage.shaft, passage.barred, passed, rated)
+            rule = report.stresses[passage.shaft].rule
+            assert rule is not None  # ranges are those of a rule
+            text = range_text(passage.shaft, passage.barred, rule, rated)
         lines.append(f"{text}: {number(passage.seconds)} s")
     if not lines:
         return []
