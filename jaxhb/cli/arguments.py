@@ -41,6 +41,7 @@ class ChangedOptions(CommonOptions):
     """Values of the scene that a command changes."""
 
     set: tuple[Setting, ...]
+    rules: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

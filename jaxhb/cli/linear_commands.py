@@ -19,6 +19,7 @@ from jaxhb.linear.critical import (
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.holzer import HolzerTable, holzer_table
 from jaxhb.linear.modal import natural_frequencies
+from jaxhb.linear.margins import separations
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
@@ -99,9 +100,15 @@ def modes(train: DriveTrain, arguments: cli.ModesOptions) -> int:
     ]
     if len(span(train.topology).loops):
         parts += linear_text.energies_text(modes, kinds)
+    margins = separations(train, modes, kinds)
+    parts += linear_text.separation_tables(margins, train.topology.operating_rpm)
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     makers = {
-        "record": lambda: linear_text.modes_record(modes, kinds, ratios) | teeth.record,
+        "record": lambda: (
+            linear_text.modes_record(modes, kinds, ratios)
+            | linear_text.separation_record(margins)
+            | teeth.record
+        ),
         "figure": lambda: plot_modes(train, modes, elastic, ratios),
     }
     deliver(arguments, "\n\n".join(parts), makers)

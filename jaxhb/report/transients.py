@@ -142,7 +142,9 @@ def _peaks(run: Transient, kind: str) -> dict[str, Peak]:
     peaks = {}
     limit = LIMITS[kind]
     names = [
-        name for table in limit.tables for name in having(run.topology, table, limit.key)
+        name
+        for table in limit.tables
+        for name in having(run.topology, table, limit.key)
     ]
     for name in names:
         if kind == "speeds":

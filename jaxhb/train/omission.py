@@ -246,7 +246,9 @@ def _topology(
         ),
         disk_keys=(
             tuple(topology.disk_keys[disk] for disk in keep["disk"])
-            if any(topology.disk_keys[disk] for disk in keep["disk"] if topology.disk_keys)
+            if any(
+                topology.disk_keys[disk] for disk in keep["disk"] if topology.disk_keys
+            )
             else ()
         ),
     )

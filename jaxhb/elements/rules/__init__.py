@@ -15,9 +15,7 @@ from jaxhb.elements.rules.rule import Rule, Section
 # Imports this one
 _CHOOSING = "chosen"
 _MODULES = sorted(
-    module.name
-    for module in pkgutil.iter_modules(__path__)
-    if module.name != _CHOOSING
+    module.name for module in pkgutil.iter_modules(__path__) if module.name != _CHOOSING
 )
 _ALL = [
     rule

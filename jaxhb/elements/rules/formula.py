@@ -96,9 +96,7 @@ def formula(text: str, known: Collection[str]) -> Formula:
     return Formula(text, frozenset(names), tree)
 
 
-def _check(
-    node: ast.expr, text: str, known: Collection[str], names: set[str]
-) -> None:
+def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -> None:
     """Check a part of a formula and collect the names that it reads."""
     column = node.col_offset + 1
     match node:

@@ -224,9 +224,7 @@ def _number(
     return default
 
 
-def _formula(
-    where: str, text: Any, known: list[str], faults: Faults
-) -> Formula | None:
+def _formula(where: str, text: Any, known: list[str], faults: Faults) -> Formula | None:
     """Read a formula, or a number; None of a faulty one."""
     if isinstance(text, int | float) and not isinstance(text, bool):
         text = repr(text)
@@ -240,9 +238,7 @@ def _formula(
         return None
 
 
-def _defined(
-    content: Mapping[str, Any], faults: Faults
-) -> list[tuple[str, Formula]]:
+def _defined(content: Mapping[str, Any], faults: Faults) -> list[tuple[str, Formula]]:
     """Read the formulas that others name, each over those before it."""
     table = content.get("define", {})
     if not isinstance(table, dict):
@@ -282,7 +278,9 @@ def _spans(
         if not isinstance(row, dict):
             faults.add(f"{where} is {shown(row)}, must be a table. Write [[span]].")
             continue
-        unknown = [key for key in row if key not in ("lambda", "continuous", "transient")]
+        unknown = [
+            key for key in row if key not in ("lambda", "continuous", "transient")
+        ]
         for key in unknown:
             choices = ("lambda", "continuous", "transient")
             faults.add(f"{where}: unknown key {shown(key)}.{suggestion(key, choices)}")
@@ -314,9 +312,7 @@ def _spans(
         for key in ("continuous", "transient"):
             names = known if key == "continuous" else [*known, "tau_C"]
             if key in row:
-                formulas.append(
-                    _formula(f"{where}, {key}", row[key], names, faults)
-                )
+                formulas.append(_formula(f"{where}, {key}", row[key], names, faults))
             else:
                 faults.add(f"{where}: the key {key!r} is missing. Give a formula.")
         match formulas:

@@ -73,7 +73,9 @@ class Limited:
         """End of the keys of its numbers in JSON files, the SI unit."""
         return "" if self.si_unit == "1" else f"_{self.si_unit.replace(' ', '')}"
 
-    def worst(self, row: Stress | ToothTorque | Heat | Bounded) -> tuple[float, int | None]:
+    def worst(
+        self, row: Stress | ToothTorque | Heat | Bounded
+    ) -> tuple[float, int | None]:
         """The largest share of the first limit, nan without one, and its place: without
         one that of the largest number; None where nothing is known.
         """
@@ -369,7 +371,9 @@ def _barred_text(strength: Strength, rule_name: str) -> str:
     lines = []
     if within.any():
         kind = "restricted" if strength.not_firing else "barred"
-        head = f"{kind.capitalize()} speed ranges" if barred else f"No {kind} speed range"
+        head = (
+            f"{kind.capitalize()} speed ranges" if barred else f"No {kind} speed range"
+        )
         lines = [
             f"{head}{after} between {rpm[within].min():g} and {rpm[within].max():g} rpm"
             f" ({AID})"
@@ -408,9 +412,7 @@ def _barred_text(strength: Strength, rule_name: str) -> str:
             f" no limit: NOT judged{largest_there}."
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
-        speed = (
-            f"{rule.required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
-        )
+        speed = f"{rule.required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
             if reach.known_to_rpm
@@ -452,16 +454,16 @@ def _around(barred_range: BarredRange, rule: Rule) -> str:
     )
 
 
-def _to_bar(
-    barred: Sequence[BarredRange], rule: Rule, strength: Strength
-) -> list[str]:
+def _to_bar(barred: Sequence[BarredRange], rule: Rule, strength: Strength) -> list[str]:
     """The speeds that are to be barred together, in a list; empty of a rule that gives
     no range around a critical speed.
     """
     if rule.barred is None or not barred:
         return []
     united: list[list[float]] = []
-    for low, high in sorted((float(each.bar_low), float(each.bar_high)) for each in barred):
+    for low, high in sorted(
+        (float(each.bar_low), float(each.bar_high)) for each in barred
+    ):
         if united and low <= united[-1][1]:
             united[-1][1] = max(united[-1][1], high)
         else:

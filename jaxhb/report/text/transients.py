@@ -245,9 +245,7 @@ def _rule_parts(report: TransientReport) -> list[str]:
     """Say what the limits are of."""
     rated = report.topology.rated_rpm
     rules = [peak.rule for peak in report.stresses.values() if peak.rule]
-    notes = [
-        rule.note.format(source=rule.source, rated=rated) for rule in rules
-    ]
+    notes = [rule.note.format(source=rule.source, rated=rated) for rule in rules]
     return list(dict.fromkeys(notes))
 
 
