@@ -18,8 +18,8 @@ from jaxhb.linear.critical import (
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.holzer import HolzerTable, holzer_table
-from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.margins import separations
+from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes

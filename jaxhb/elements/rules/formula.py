@@ -127,8 +127,8 @@ def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -
             hint = _HINTS.get(type(getattr(node, "op", None)), "")
             raise FormulaError(
                 f"{shown(ast.get_source_segment(text, node) or text)} at column"
-                f" {column} is not understood: a formula has numbers, names, + - * / **,"
-                f" min, max, sqrt and where(a < b, x, y).{hint}"
+                f" {column} is not understood: a formula has numbers, names, + - * /"
+                f" **, min, max, sqrt and where(a < b, x, y).{hint}"
             )
     for part in parts:
         _check(part, text, known, names)
