@@ -188,6 +188,8 @@ def _topology(
                 for members in rows
             ]
         fields[field.name] = tuple(rows)
+    limited = topology.disk_keys
+    disk_keys = tuple(limited[disk] for disk in keep["disk"] if limited)
     fields["excitations"] = tuple(
         topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
     )
@@ -244,13 +246,7 @@ def _topology(
             if any(keys[link] for link in links if keys)
             else ()
         ),
-        disk_keys=(
-            tuple(topology.disk_keys[disk] for disk in keep["disk"])
-            if any(
-                topology.disk_keys[disk] for disk in keep["disk"] if topology.disk_keys
-            )
-            else ()
-        ),
+        disk_keys=disk_keys if any(disk_keys) else (),
     )
 
 

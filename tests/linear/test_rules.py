@@ -32,6 +32,7 @@ def line(tmp_path, head):
 @pytest.mark.parametrize("on_jax", [False, True])
 def test_m68_written_as_a_file_is_that_of_jaxhb(on_jax):
     ratio = np.linspace(0.0, 1.1, 111)
+    rule = rule_of(FILE.text, FILE.name)
     for diameter, strength, form in ((0.4, 6e8, 1.0), (0.055, 9e8, 0.45)):
         section = {
             "diameter": diameter,
@@ -42,7 +43,6 @@ def test_m68_written_as_a_file_is_that_of_jaxhb(on_jax):
         def limits(rule, ratio, section=section):
             return jaxhb.permissible_stress(rule=rule, speed_ratio=ratio, **section)
 
-        rule = rule_of(*reversed(FILE))
         read = (
             jax.jit(lambda x: limits(rule, x))(ratio) if on_jax else limits(rule, ratio)
         )

@@ -138,7 +138,7 @@ def rule_of(text: str, file: str) -> Rule:
     stress = _unit(content, "stress_unit", STRESS_UNITS, faults)
     length = _unit(content, "length_unit", LENGTH_UNITS, faults)
     defined = _defined(content, faults)
-    spans = _spans(content, [name for name, _ in defined], faults)
+    spans = _spans(content, faults)
     barred = _barred(content, faults)
     highest = spans[-1].to if spans else 1.0
     accepted = _number(content, "accepted_to", highest, faults)
@@ -218,8 +218,8 @@ def _number(
     if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
         return float(value)
     faults.add(
-        f"{key} is {shown(value)}, must be a number greater than 0, a share of the rated"
-        " speed. Correct it."
+        f"{key} is {shown(value)}, must be a number greater than 0, a share of the"
+        " rated speed. Correct it."
     )
     return default
 
@@ -258,9 +258,7 @@ def _defined(content: Mapping[str, Any], faults: Faults) -> list[tuple[str, Form
     return defined
 
 
-def _spans(
-    content: Mapping[str, Any], defined: list[str], faults: Faults
-) -> list[Span]:
+def _spans(content: Mapping[str, Any], faults: Faults) -> list[Span]:
     """Read the spans of lambda, which begin at 0 and follow each other."""
     rows = content.get("span")
     if not isinstance(rows, list) or not rows:
@@ -271,7 +269,7 @@ def _spans(
         return []
     spans = []
     table = content.get("define", {})
-    known = [*OF_SHAFTS, *(table if isinstance(table, dict) else defined)]
+    known = [*OF_SHAFTS, *(table if isinstance(table, dict) else ())]
     end = 0.0
     for place, row in enumerate(rows, 1):
         where = f"[[span]] no. {place}"
@@ -292,8 +290,8 @@ def _spans(
             and 0 <= ends[0] < ends[1]
         ):
             faults.add(
-                f"{where}: lambda is {shown(ends)}, must be [from, to], rising shares of"
-                " the rated speed. Correct it."
+                f"{where}: lambda is {shown(ends)}, must be [from, to], rising shares"
+                " of the rated speed. Correct it."
             )
             continue
         begin, to = map(float, ends)

@@ -167,8 +167,8 @@ LIMITED = {
         "limit of alternating stress",
         "Alternating stresses of crankshafts are the part of IACS UR M53 that is"
         " torsion: half of peak-to-peak torque / W_p\ntimes alpha_T or beta_T of"
-        " fillets, gamma_T of oil bores, against the limit that the scene gives. Bending"
-        " and its\ncombination with torsion, and the acceptability factor, are out of"
+        " fillets, gamma_T of oil bores, against the limit that the scene gives."
+        " Bending and its\ncombination with torsion, and the acceptability factor, are out of"
         " reach of this program.",
     ),
     "angles": _bounded(
@@ -461,9 +461,8 @@ def _to_bar(barred: Sequence[BarredRange], rule: Rule, strength: Strength) -> li
     if rule.barred is None or not barred:
         return []
     united: list[list[float]] = []
-    for low, high in sorted(
-        (float(each.bar_low), float(each.bar_high)) for each in barred
-    ):
+    ends = [(float(each.bar_low), float(each.bar_high)) for each in barred]
+    for low, high in sorted(ends):
         if united and low <= united[-1][1]:
             united[-1][1] = max(united[-1][1], high)
         else:
