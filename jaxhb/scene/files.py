@@ -44,6 +44,9 @@ BESIDE = (
     "tolerance",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
+RULE_FILE = ".toml"
+"""End of the names of files among the rules of a scene."""
+
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -151,7 +154,7 @@ def read_rules(rules: Iterable[str], folder: Path) -> tuple[str | File, ...]:
     """
     entries: list[str | File] = []
     for rule in rules:
-        if not rule.endswith(".toml"):
+        if not rule.endswith(RULE_FILE):
             entries.append(rule)
             continue
         try:

@@ -19,6 +19,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
     _READERS,
     BESIDE,
+    RULE_FILE,
     _find,
     _read_elements,
     load_scene,
@@ -181,7 +182,7 @@ def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
     """Paths of the files that rows of a scene name, in tables and in tables inside
-    them, by these names.
+    them, and of its files of rules, by these names.
     """
     paths: dict[str, Path] = {}
 
@@ -193,6 +194,9 @@ def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
                     walk(inner)
 
     walk({table: rows for table, rows in content.items() if table not in BESIDE})
+    head = content.get("scene")
+    rules = head.get("rules", ()) if isinstance(head, dict) else ()
+    paths.update({rule: folder / rule for rule in rules if rule.endswith(RULE_FILE)})
     return paths
 
 

@@ -168,8 +168,8 @@ LIMITED = {
         "Alternating stresses of crankshafts are the part of IACS UR M53 that is"
         " torsion: half of peak-to-peak torque / W_p\ntimes alpha_T or beta_T of"
         " fillets, gamma_T of oil bores, against the limit that the scene gives."
-        " Bending and its\ncombination with torsion, and the acceptability factor, are out of"
-        " reach of this program.",
+        " Bending and its\ncombination with torsion, and the acceptability factor, are"
+        " out of reach of this program.",
     ),
     "angles": _bounded(
         "Vibratory angle of disks, deg: half peak-to-peak",
