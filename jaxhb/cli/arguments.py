@@ -44,6 +44,7 @@ class ChangedOptions(CommonOptions):
 
     set: tuple[Setting, ...]
     units: Mapping[str, str] | None = None
+    rules: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

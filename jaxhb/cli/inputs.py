@@ -12,7 +12,12 @@ from jaxhb.cli import arguments as cli
 from jaxhb.elements.units import Shown, chosen_units
 from jaxhb.report.files import output
 from jaxhb.report.files.formats import FORMATS
-from jaxhb.scene.files import load_scene, scene_description, scene_names
+from jaxhb.scene.files import (
+    load_scene,
+    read_rules,
+    scene_description,
+    scene_names,
+)
 from jaxhb.scene.input_files import Unreadable, read_bytes
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 from jaxhb.train.drivetrain import DriveTrain
@@ -98,6 +103,8 @@ def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
         train = train.scenario(computed.scenario)
     if arguments.set:
         train = train.replace(dict(arguments.set))
+    if arguments.rules:
+        train = train.with_rules(*read_rules(arguments.rules, Path()))
     if computed and constant_links and computed.links_at:
         train = train.with_constant_links(**dict(computed.links_at))
     if computed and computed.viscous is not None:

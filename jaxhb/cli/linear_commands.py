@@ -19,6 +19,7 @@ from jaxhb.linear.critical import (
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.holzer import HolzerTable, holzer_table
+from jaxhb.linear.margins import separations
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
@@ -131,7 +132,10 @@ def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
     ]
     if len(span(train.topology).loops):
         parts += linear_text.energies_text(modes, kinds)
+    margins = separations(train, modes, kinds)
+    parts += linear_text.separation_tables(margins, train.topology.operating_rpm)
     record = linear_text.modes_record(modes, kinds, ratios) | teeth.record
+    record |= linear_text.separation_record(margins)
     makers: dict[str, Callable[[], Any]] = {
         "record": lambda: record,
         "figure": lambda: plot_modes(train, modes, elastic, ratios),

@@ -354,6 +354,12 @@ SCENE = together(
         multiple=True,
     ),
     option(
+        "--rules NAME|FILE",
+        "judge by this rule before those of the scene: a name, or a .toml with a rule"
+        " of yours (docs/how_to/strength.md); may be repeated",
+        multiple=True,
+    ),
+    option(
         "--links-at hz=VALUE",
         "make variable links constant, with their values at this frequency (hz),"
         " amplitude (rad) or speed (rpm)",

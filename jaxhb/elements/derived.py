@@ -26,6 +26,13 @@ OPTIONAL = (
     "tensile_strength",
     "yield_strength",
     "power_limit",
+    "nominal_torque",
+    "vibratory_torque",
+    "maximum_torque",
+    "speed_limit",
+    "fillet_factor",
+    "oil_bore_factor",
+    "alternating_limit",
     "rated_torque",
     "clearance",
     "friction",
@@ -34,6 +41,9 @@ OPTIONAL = (
 """Keys that a link has or has not, so that None differs from 0; ``inner`` and ``bore``
 are 0 where absent.
 """
+
+LIMITS_OF_DISKS = ("angle_limit", "speed_irregularity_limit", "acceleration_limit")
+"""Keys that a disk has or has not, likewise."""
 
 # Keys that only have a meaning beside another one
 WITH = {"inner": "outer", "bore": "diameter"}
@@ -120,11 +130,15 @@ def completed(link: Disk | Shaft | Damper | Mesh) -> Disk | Shaft | Damper | Mes
     return dataclasses.replace(link, **values) if values else link
 
 
-def link_keys(links: Sequence[Shaft | Damper | Mesh]) -> tuple[tuple[str, ...], ...]:
-    """Keys out of :data:`OPTIONAL` that each link has; empty where no link has any."""
+def present_keys(
+    elements: Sequence[Any], optional: Sequence[str] = OPTIONAL
+) -> tuple[tuple[str, ...], ...]:
+    """Keys out of ``optional`` that each link, or each disk, has; empty where none has
+    any.
+    """
     keys = tuple(
-        tuple(key for key in OPTIONAL if getattr(link, key, None) is not None)
-        for link in links
+        tuple(key for key in optional if getattr(element, key, None) is not None)
+        for element in elements
     )
     return keys if any(keys) else ()
 

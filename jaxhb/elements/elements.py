@@ -31,7 +31,6 @@ from jaxhb.elements.declared import (
 )
 from jaxhb.elements.events import Event
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
 
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 _FORM_FACTOR = (
@@ -48,7 +47,10 @@ class Disk:
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
     (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
-    in the place of ``inertia``, which is a quarter of it.
+    in the place of ``inertia``, which is a quarter of it. Limits, which
+    :func:`jaxhb.strength` alone reads: ``angle_limit`` of half of the peak-to-peak
+    vibratory angle, ``speed_irregularity_limit`` of (largest - smallest) / mean speed,
+    and ``acceleration_limit`` of half of the peak-to-peak angular acceleration.
     """
 
     name: str = declared("name")
@@ -64,6 +66,11 @@ class Disk:
     teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
     damping_over_rpm: tuple = rows(DAMPING_OVER_RPM)
+    angle_limit: float | None = positive("deg", None)
+    speed_irregularity_limit: float | None = quantity(
+        "", None, above=0.0, most=2.0, remedy="Give a share: 1/250 is 0.004."
+    )
+    acceleration_limit: float | None = positive("rad/s2", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +113,25 @@ class Spring(Link):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shaft(Spring):
+class Rated(Spring):
+    """Limits that catalogues give couplings and dampers; :func:`jaxhb.strength` alone
+    reads them.
+
+    ``nominal_torque`` T_KN bounds the mean torque, ``vibratory_torque`` T_KW half of
+    its peak-to-peak in continuous running, ``maximum_torque`` T_Kmax the largest torque
+    at any instant, also of transients, ``power_limit`` the heat that it can give off,
+    and ``speed_limit`` the speed of its own rotor in rpm.
+    """
+
+    nominal_torque: float | None = positive("N m", None)
+    vibratory_torque: float | None = positive("N m", None)
+    maximum_torque: float | None = positive("N m", None)
+    power_limit: float | None = positive("W", None)
+    speed_limit: float | None = positive("rpm", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Rated):
     """``[[shaft]]``: an elastic link between two disks of one rotor.
 
     ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter
@@ -118,10 +143,13 @@ class Shaft(Spring):
     section that is judged (``outer`` and ``inner`` unless given), the factor C_K of its
     form in IACS UR M68 (``stress_concentration``, 1 for an integral flange, less for
     what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose
-    limits hold (C_K is of M68 alone, ``yield_strength`` of the others), and
-    ``power_limit``, the heat that it can give off. Of transients alone, ``sn_curve`` =
-    rows of (cycles, amplitude of the nominal torsional stress in Pa that it bears so
-    often), from the standard or test that ``sn_source`` names.
+    limits hold (C_K is of M68 alone, ``yield_strength`` of the others). Of a
+    crankshaft, the stress concentration factors for torsion ``fillet_factor`` and
+    ``oil_bore_factor`` of IACS UR M53 (alpha_T or beta_T, and gamma_T) times the
+    nominal alternating stress must not exceed ``alternating_limit``, which the user
+    answers for. Of transients alone, ``sn_curve`` = rows of (cycles, amplitude of the
+    nominal torsional stress in Pa that it bears so often), from the standard or test
+    that ``sn_source`` names.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -148,8 +176,12 @@ class Shaft(Spring):
     yield_strength: float | None = quantity(
         "Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8."
     )
-    rule: str = choice(*RULES)
-    power_limit: float | None = positive("W", None)
+    rule: str | None = declared("text", None)
+    fillet_factor: float | None = positive("", None)
+    oil_bore_factor: float | None = positive("", None)
+    alternating_limit: float | None = quantity(
+        "Pa", None, least=1e5, remedy="Give it in Pa: 60 MPa is 6e7."
+    )
     sn_curve: tuple = rows(SN_CURVE)
     sn_source: str | None = declared("text", None)
 
@@ -211,13 +243,13 @@ revolutions of its first and of its second gear.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damper(Spring):
+class Damper(Rated):
     """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a
     disk of this name.
 
     With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed
-    of its rotor)^2 adds to its stiffness. ``over_hz``, ``over_amplitude`` and
-    ``power_limit`` as of a :class:`Shaft`.
+    of its rotor)^2 adds to its stiffness. ``over_hz`` and ``over_amplitude`` as of a
+    :class:`Shaft`.
     """
 
     name: str = declared("name")
@@ -231,7 +263,6 @@ class Damper(Spring):
     )
     over_hz: tuple = rows(OVER_HZ)
     over_amplitude: tuple = rows(OVER_AMPLITUDE)
-    power_limit: float | None = positive("W", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,10 +331,19 @@ class Phase:
     angle: float = quantity("deg", 0.0)
 
 
+TACHOMETER = 0.01
+"""Tolerance of the tachometer as a share of the rated speed, unless it is given."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: settings of the whole train; ``notes`` are texts that every check
     and report repeats.
+
+    ``rules`` chooses rules by name and files with rules of the user; the first one of
+    shafts judges those that name none. ``tachometer_tolerance``, a share of the rated
+    speed, widens barred ranges, and ``operating_rpm`` = [lowest, highest] are the
+    speeds over which separation margins are judged.
     """
 
     name: str | None = declared("name", None)
@@ -312,6 +352,9 @@ class Head:
     revolutions_per_cycle: float = positive("", 2.0)
     reference: str | None = declared("disk", None)
     rated_rpm: float | None = positive("rpm", None)
+    rules: tuple = declared("list", ())
+    tachometer_tolerance: float = quantity("", TACHOMETER, least=0.0, most=0.1)
+    operating_rpm: tuple = declared("list", ())
 
 
 TABLES: dict[str, Any] = {

@@ -24,7 +24,8 @@ from jaxhb.elements.elements import (
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.excitations.blades import blade_errors
-from jaxhb.elements.rules import RULES
+from jaxhb.elements.rules import Rule
+from jaxhb.elements.rules.chosen import STRENGTH_KEYS, lacking
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
     is_present,
@@ -33,15 +34,6 @@ from jaxhb.elements.values import (
     plain_number,
     row_errors,
 )
-
-_STRENGTH_KEYS = {
-    "diameter": "diameter (or outer) in m",
-    "stress_concentration": (
-        "stress_concentration (C_K of the form, 1 for an integral flange, less"
-        " otherwise)"
-    ),
-    "tensile_strength": "tensile_strength in Pa",
-}
 
 
 def over_rpm_errors(name: str, rows: Any, *, least_is_excluded: bool) -> list[str]:
@@ -121,6 +113,8 @@ def shaft_errors(shaft: Shaft) -> list[str]:
         + _damping_errors(shaft)
         + _over_rpm_errors(shaft)
         + _section_errors(shaft)
+        + _concentration_errors(shaft)
+        + _rated_errors(shaft)
         + _curve_errors(shaft)
         + _spring_errors(shaft)
     )
@@ -302,11 +296,12 @@ def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
 
 def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
-    over_rpm = _over_rpm_errors(damper)
-    over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    others = _over_rpm_errors(damper)
+    others += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    others += _rated_errors(damper)
     tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
-        return _damping_errors(damper) + over_rpm + _spring_errors(damper)
+        return _damping_errors(damper) + others + _spring_errors(damper)
     damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
     if damping_keys:
         needs = (
@@ -414,7 +409,7 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
 
 
 def _section_errors(shaft: Shaft) -> list[str]:
-    """Check the section of a shaft, and the numbers that its stress limits need."""
+    """Check the section of a shaft."""
     texts = []
     bore = _present_keys(shaft, "bore")
     if bore and shaft.diameter is None:
@@ -423,33 +418,77 @@ def _section_errors(shaft: Shaft) -> list[str]:
         )
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
+    return texts
+
+
+def rule_errors(shaft: Shaft, rule: Rule) -> list[str]:
+    """Check that a shaft has the numbers that its limits need, and none without a part
+    in them.
+    """
+    texts = []
     asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
-    rule = RULES.get(shaft.rule) if isinstance(shaft.rule, str) else None
-    needs = _STRENGTH_KEYS if rule is None else rule.needs
-    lacking = [
-        key
-        for key in needs
-        if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
-    ]
-    if rule is not None and not rule.default:
+    if shaft.rule is not None and not rule.default:
         asking = ["rule"]
-    if asking and lacking:
-        title = shaft.rule if rule is None else rule.title or rule.name
+    present = [
+        key for key in (*STRENGTH_KEYS, "outer") if getattr(shaft, key) is not None
+    ]
+    missing = lacking(rule, present)
+    if asking and missing:
         limits = (
             f"{joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
-            f" limits of {title}"
+            f" limits of {rule.title or rule.name}"
         )
         texts.append(
-            f"{limits}, without {joined(lacking)}. Give"
-            f" {joined(_STRENGTH_KEYS[key] for key in lacking)}."
+            f"{limits}, without {joined(missing)}. Give"
+            f" {joined(STRENGTH_KEYS[key] for key in missing)}."
         )
     texts += [
-        f"{key} has no part in the limits of {shaft.rule}. Leave it out, or name"
+        f"{key} has no part in the limits of {rule.name}. Leave it out, or name"
         " another rule."
-        for key in (() if rule is None else rule.unread)
-        if getattr(shaft, key) is not None
+        for key in rule.unread
+        if getattr(shaft, key) is not None and (shaft.rule or rule.default)
     ]
     return texts
+
+
+def _concentration_errors(shaft: Shaft) -> list[str]:
+    """Check that stress concentration factors for torsion and the limit of the
+    alternating stress are given together, with a section.
+    """
+    factors = _present_keys(shaft, "fillet_factor", "oil_bore_factor")
+    if factors and shaft.alternating_limit is None:
+        return [
+            f"{joined(factors)} {'are' if factors[1:] else 'is'} given without"
+            " alternating_limit. Give the permissible alternating torsional stress in"
+            " Pa."
+        ]
+    if shaft.alternating_limit is None:
+        return []
+    texts = []
+    if not factors:
+        texts.append(
+            "alternating_limit is given without fillet_factor or oil_bore_factor. Give"
+            " one or both (alpha_T or beta_T, and gamma_T of IACS UR M53)."
+        )
+    if shaft.diameter is None and shaft.outer is None:
+        texts.append(
+            "alternating_limit is given without diameter. Give the diameter (or outer)"
+            " in m."
+        )
+    return texts
+
+
+def _rated_errors(link: Shaft | Damper) -> list[str]:
+    """Check that the maximum torque of a coupling is its largest."""
+    most = link.maximum_torque
+    return [
+        f"maximum_torque is {most:g} N m, less than {key} = {value:g} N m. It bounds"
+        " every instant: correct one of them."
+        for key in ("nominal_torque", "vibratory_torque")
+        if plain_number(value := getattr(link, key))
+        and plain_number(most)
+        and most < value
+    ]
 
 
 def _curve_errors(shaft: Shaft) -> list[str]:

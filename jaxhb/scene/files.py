@@ -11,13 +11,15 @@ import difflib
 import os
 import re
 import tomllib
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.declared import Unread, fields_of_class
-from jaxhb.elements.elements import TABLES, Head
+from jaxhb.elements.elements import TABLES, TACHOMETER, Head
 from jaxhb.elements.engine import Engine
+from jaxhb.elements.rules.chosen import DEFAULT, File
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.elements.units import UnitError, chosen_units, si_value, units_of_columns
 from jaxhb.scene.csv_tables import number_rows
@@ -45,6 +47,9 @@ BESIDE = (
 MOST_ELEMENTS = 100_000
 Tables = dict[tuple[str, tuple[str, ...]], tuple | Unread]
 """Rows of CSV files by their names and the units of their columns."""
+RULE_FILE = ".toml"
+"""End of the names of files among the rules of a scene."""
+
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -106,6 +111,9 @@ def load_scene(name: str | Path) -> DriveTrain:
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
+        rules=_rules(head, path, errors),
+        tachometer_tolerance=head.get("tachometer_tolerance", TACHOMETER),
+        operating_rpm=head.get("operating_rpm", ()),
         source=path.name,
         findings=errors,
         complete=whole and not lost,
@@ -148,6 +156,42 @@ def _report_units(table: Any, source: str, errors: list[str]) -> dict[str, str]:
         errors.append(f"{source}, [report]: {error}")
         return {}
     return units
+
+
+def _rules(
+    head: dict[str, Any], path: Path, errors: list[str]
+) -> tuple[str | File, ...]:
+    """Read the rules of ``[scene]``: names, and files beside the scene."""
+    rules = head.get("rules", DEFAULT)
+    if not isinstance(rules, list | tuple) or not all(
+        isinstance(rule, str) for rule in rules
+    ):
+        errors.append(
+            f"{path.name}, [scene]: rules is {shown(rules)}, must be a list of names"
+            " and files. Correct it."
+        )
+        return DEFAULT
+    try:
+        return read_rules(rules, path.parent)
+    except SceneError as error:
+        errors += [f"{path.name}, [scene]: rules: {text}" for text in error.sentences]
+        return DEFAULT
+
+
+def read_rules(rules: Iterable[str], folder: Path) -> tuple[str | File, ...]:
+    """Read the files among names of rules, those that end in ``.toml``;
+    :class:`SceneError` where one cannot be read.
+    """
+    entries: list[str | File] = []
+    for rule in rules:
+        if not rule.endswith(RULE_FILE):
+            entries.append(rule)
+            continue
+        try:
+            entries.append(File(Path(rule).name, read_text(folder / rule)))
+        except Unreadable as error:
+            raise SceneError(f"{cut(rule)}: {error}") from None
+    return tuple(entries)
 
 
 def _folder() -> Path:

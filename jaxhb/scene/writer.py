@@ -6,7 +6,7 @@ A ``.toml`` stays as it was written, comments included, except where it changes.
 
 import dataclasses
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
     _READERS,
     BESIDE,
+    RULE_FILE,
     _find,
     _read_elements,
     load_scene,
@@ -90,6 +91,9 @@ def elements_text(
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     sequences: dict[str, dict[str, Any]] | None = None,
+    rules: Sequence[str] | None = None,
+    tachometer_tolerance: float | None = None,
+    operating_rpm: Sequence[float] | None = None,
 ) -> str:
     """Write TOML that loads to the train of :func:`jaxhb.build` with the same
     arguments.
@@ -106,6 +110,9 @@ def elements_text(
         "reference": reference,
         "revolutions_per_cycle": revolutions_per_cycle,
         "rated_rpm": rated_rpm,
+        "rules": _plain(rules),
+        "tachometer_tolerance": tachometer_tolerance,
+        "operating_rpm": _plain(operating_rpm),
     }
     content: dict[str, Any] = {
         "scene": {key: value for key, value in head.items() if value is not None}
@@ -176,7 +183,7 @@ def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
     """Paths of the files that rows of a scene name, in tables and in tables inside
-    them, by these names.
+    them, and of its files of rules, by these names.
     """
     paths: dict[str, Path] = {}
 
@@ -188,6 +195,9 @@ def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
                     walk(inner)
 
     walk({table: rows for table, rows in content.items() if table not in BESIDE})
+    head = content.get("scene")
+    rules = head.get("rules", ()) if isinstance(head, dict) else ()
+    paths.update({rule: folder / rule for rule in rules if rule.endswith(RULE_FILE)})
     return paths
 
 

@@ -12,10 +12,19 @@ from functools import partial
 from typing import Any
 
 from jaxhb.elements import checks, derived, meshing
-from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, Damper, Head, Mesh, Shaft
+from jaxhb.elements.elements import (
+    OF_GEARS,
+    OF_PERIOD,
+    TACHOMETER,
+    Damper,
+    Head,
+    Mesh,
+    Shaft,
+)
 from jaxhb.elements.event_tables import EventSeat, seat_of
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.excitations.blades import with_blades
+from jaxhb.elements.rules.chosen import DEFAULT, Chosen, File, choose
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import field_errors, rounded, sound_orders
 from jaxhb.excitation.orders import harmonics_of
@@ -37,6 +46,9 @@ def build(
     tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, Any]] | None = None,
     sequences: dict[str, dict[str, Any]] | None = None,
+    rules: Sequence[str | File] = DEFAULT,
+    tachometer_tolerance: float = TACHOMETER,
+    operating_rpm: Sequence[float] = (),
     source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
@@ -62,6 +74,9 @@ def build(
         The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for
         :meth:`DriveTrain.scenario`; ``{name: {"events": names, "begin": s}}`` of events
         that begin together, all later by ``begin``, 0 unless given.
+    rules, tachometer_tolerance, operating_rpm : optional
+        Names of the rules that judge the train, the tolerance of its tachometer as a
+        share of the rated speed, lowest and highest operating speed in rpm.
 
     Examples
     --------
@@ -84,6 +99,9 @@ def build(
         tolerance=tolerance,
         scenarios=scenarios,
         sequences=sequences,
+        rules=rules,
+        tachometer_tolerance=tachometer_tolerance,
+        operating_rpm=operating_rpm,
         source=source,
     )
 
@@ -100,6 +118,9 @@ def checked(
     report: Mapping[str, str] | None = None,
     scenarios: Any,
     sequences: Any = None,
+    rules: Sequence[str | File] = DEFAULT,
+    tachometer_tolerance: Any = TACHOMETER,
+    operating_rpm: Any = (),
     source: str,
     notes: tuple[str, ...] = (),
     findings: Iterable[str] = (),
@@ -123,7 +144,18 @@ def checked(
     too_large = checks.size_errors(parts)
     if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
-    numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
+    try:
+        chosen = choose(rules)
+    except SceneError as error:
+        errors += [f"{source}, [scene]: rules: {text}" for text in error.sentences]
+        chosen = Chosen()
+    errors += checks.shaft_rule_errors(parts, chosen)
+    errors += checks.operating_errors(source, operating_rpm, chosen.names)
+    numbers = {
+        "revolutions_per_cycle": cycle,
+        "rated_rpm": rated_rpm,
+        "tachometer_tolerance": tachometer_tolerance,
+    }
     head_errors = []
     where = f"{source}, [scene]"
     for field in dataclasses.fields(Head):
@@ -184,6 +216,9 @@ def checked(
         "name": name,
         "rated_rpm": None if rated_rpm is None else float(rated_rpm),
         "notes": notes,
+        "rules": chosen,
+        "tachometer_tolerance": float(tachometer_tolerance),
+        "operating_rpm": tuple(map(float, operating_rpm)),
     }
     topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
@@ -390,7 +425,7 @@ def _topology(
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
-        shaft_rules=tuple(shaft.rule for shaft in elements["shaft"]),
+        shaft_rules=tuple(shaft.rule or "" for shaft in elements["shaft"]),
         shaft_curves=tuple(
             (_curve(shaft.sn_curve), shaft.sn_source or "")
             for shaft in elements["shaft"]
@@ -425,9 +460,10 @@ def _topology(
         ),
         # They turn alike.
         phase_turn=tuple(rounded(ratio[disks[0]] * cycle) for disks in phased_disks),
-        link_keys=derived.link_keys(
+        link_keys=derived.present_keys(
             [link for table in derived.LINKS for link in elements[table]]
         ),
+        disk_keys=derived.present_keys(elements["disk"], derived.LIMITS_OF_DISKS),
         hz_links=tuple(i for i, link in enumerate(links) if link.over_hz),
         amplitude_links=tuple(i for i, link in enumerate(links) if link.over_amplitude),
         order_links=tuple(

@@ -15,7 +15,10 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
+from jaxhb.elements.rules.chosen import STRENGTH_KEYS, File, choose, lacking
+from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.values import joined
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
 from jaxhb.train.tables import TrainArrays
@@ -232,6 +235,40 @@ class DriveTrain(TrainArrays):
             for key, value in values.items()
         }
         return dataclasses.replace(train, topology=topology).replace(numbers)
+
+    def with_rules(self, *rules: str | File) -> DriveTrain:
+        """Return the train judged by rules before those of its scene: names, or
+        ``jaxhb.elements.rules.chosen.File`` objects.
+
+        The first one for shafts judges those that name none. :class:`SceneError` if
+        there is no such rule, or if a shaft lacks a number that it needs.
+
+        >>> train = jaxhb.load_scene("spur_pair").with_rules("KR generator shaft")
+        >>> train.topology.rules.default
+        'KR generator shaft'
+        """
+        topology = self.topology
+        chosen = topology.rules.with_first(choose(rules))
+        topology = dataclasses.replace(topology, rules=chosen)
+        errors = []
+        for shaft, name in enumerate(topology.shaft_names):
+            keys = topology.link_keys[shaft] if topology.link_keys else ()
+            rule = topology.rule_of(shaft)
+            missing = lacking(rule, keys)
+            if missing and "tensile_strength" in keys:
+                words = joined(STRENGTH_KEYS[key] for key in missing)
+                errors.append(
+                    f"[[shaft]] {shown(name)}: the limits of {rule.name} need {words}."
+                    " Give it."
+                )
+        if any(name in MARGINS for name in chosen.names) and not topology.operating_rpm:
+            errors.append(
+                "the rules of separation margins need operating_rpm = [lowest, highest]"
+                " in [scene]. Give the operating speeds of the reference rotor in rpm."
+            )
+        if errors:
+            raise SceneError(errors)
+        return dataclasses.replace(self, topology=topology)
 
     def without(self, *names: str) -> DriveTrain:
         """Return the train without elements, as with a clutch open (its shaft left out)

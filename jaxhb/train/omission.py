@@ -168,7 +168,7 @@ def _topology(
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(topology):
         table, _, suffix = field.name.partition("_")
-        if table not in keep or field.name == "disk_names":
+        if table not in keep or field.name in ("disk_names", "disk_keys"):
             continue
         rows: list[Any] = [
             getattr(topology, field.name)[index] for index in keep[table]
@@ -188,6 +188,8 @@ def _topology(
                 for members in rows
             ]
         fields[field.name] = tuple(rows)
+    limited = topology.disk_keys
+    disk_keys = tuple(limited[disk] for disk in keep["disk"] if limited)
     fields["excitations"] = tuple(
         topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
     )
@@ -244,6 +246,7 @@ def _topology(
             if any(keys[link] for link in links if keys)
             else ()
         ),
+        disk_keys=disk_keys if any(disk_keys) else (),
     )
 
 

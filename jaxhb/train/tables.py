@@ -67,6 +67,7 @@ def vectors_of(element: type) -> Callable[[type], type]:
         ]
         may_be_none = (
             *derived.OPTIONAL,
+            *derived.LIMITS_OF_DISKS,
             *derived.WITH,
             *(name for name in ROWS if not name.startswith("over_")),
         )

@@ -11,6 +11,7 @@ from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
+from jaxhb.linear.strength import Strength
 from jaxhb.report.compute import Asked, answer_speeds
 from jaxhb.report.figures import speeds
 from jaxhb.report.figures.figure import DIGITS
@@ -179,7 +180,9 @@ def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_li
         name: SimpleNamespace(stress=[1e6, top], continuous=None)
         for name, top in {"a": 3e6, "b": 9e6}.items()
     }
-    strength = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
+    strength = Strength(
+        rpm=[1.0, 2.0], rated_rpm=None, stresses=rows, tooth_torques={}, heat={}
+    )
     assert judged_elements(strength) == [("stresses", "b")]
     rows["a"].continuous = [4e7, 4e7]
     assert judged_elements(strength) == [("stresses", "a")]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.elements.rules import RULES
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, stress_limits, train_of
 from jaxhb.report.answer import SPEED, Answer, Case
@@ -545,7 +544,7 @@ def limit_figure(
         f"{called}, {unit}",
         traces,
         height=180,
-        bands=bands([(band.low, band.high) for band in barred]),
+        bands=bands([(band.bar_low, band.bar_high) for band in barred]),
     )
 
 
@@ -560,7 +559,7 @@ def _limits(
     kind = LIMITED[key]
     if key != "stresses" or row.continuous is None:
         return np.asarray(judged.rpm), [getattr(row, limit) for limit in kind.limits]
-    corners = judged.rated_rpm * np.array(RULES[judged.rules[name]].corners)
+    corners = judged.rated_rpm * np.array(judged.known[judged.rules[name]].corners)
     corners = np.concatenate([corners * (1 - ASTRIDE), corners * (1 + ASTRIDE)])
     within = corners[(corners > np.min(judged.rpm)) & (corners < np.max(judged.rpm))]
     speeds = np.unique(np.concatenate([np.atleast_1d(judged.rpm), within]))

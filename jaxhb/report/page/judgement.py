@@ -253,7 +253,7 @@ def limits(report: Report) -> list[Block]:
     if not strengths[normal]:
         return [
             "The scene gives no limits: no diameter of a shaft, no rated_torque of a"
-            " mesh, no power_limit."
+            " mesh, no power_limit, no limit of a coupling or disk."
         ]
     blocks: list[Block] = []
     for case in report.shown:

@@ -15,6 +15,7 @@ from jaxhb.linear.critical import (
     shares_in_mode,
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.margins import separations
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
@@ -36,6 +37,7 @@ from jaxhb.report.text.linear import (
     campbell_parts,
     in_contact,
     modes_text,
+    separation_tables,
 )
 from jaxhb.train.varying import at_speed
 
@@ -65,6 +67,9 @@ def modes(report: Report) -> list[Block]:
     sheets = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
     return [
         table,
+        *separation_tables(
+            separations(train, natural, kinds), train.topology.operating_rpm
+        ),
         *[remark] * report.train.topology.depends_on_speed,
         *approximations(train),
         *(shapes_figure(train, natural, sheet, ratios) for sheet in sheets),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array
+from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
@@ -20,6 +21,7 @@ from jaxhb.linear.critical import (
 )
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.holzer import HolzerTable
+from jaxhb.linear.margins import Separation
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
 from jaxhb.linear.vector_sums import VectorSums
@@ -27,6 +29,7 @@ from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
+from jaxhb.report.text.strength import AID
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
 
@@ -224,6 +227,51 @@ def vector_sheet(sums: VectorSums) -> Sheet:
             row += [float(abs(vector)), float(np.degrees(np.angle(vector)))]
         rows.append(row)
     return Sheet(heads, rows)
+
+
+def separation_tables(
+    separations: Sequence[Separation], operating_rpm: Sequence[float]
+) -> list[Table]:
+    """The nearest excitation of every mode, a table for each rule."""
+    return [
+        _table([row for row in separations if row.rule == rule], operating_rpm)
+        for rule in dict.fromkeys(row.rule for row in separations)
+    ]
+
+
+def _table(rows: Sequence[Separation], operating_rpm: Sequence[float]) -> Table:
+    """The nearest excitation of every mode after one rule."""
+    nearest: dict[int, Separation] = {}
+    for row in rows:
+        before = nearest.setdefault(row.mode, row)
+        nearest[row.mode] = min(before, row, key=lambda each: each.margin)
+    rule = MARGINS[rows[0].rule]
+    low, high = operating_rpm
+    missed = sum(not row.kept for row in nearest.values())
+    verdict = f"{missed} of {len(nearest)} TOO CLOSE" if missed else "all kept"
+    return Table(
+        f"Separation margins after {rule.source}, {low:g} to {high:g} rpm: {verdict};"
+        f" to be checked against the current text ({AID})",
+        [
+            Column("mode", read=lambda row: str(row.mode)),
+            Column("Hz", "hz", lambda row: row.hz),
+            Column("rotor of", read=lambda row: row.rotor),
+            Column("order", read=lambda row: f"{row.order}x"),
+            Column("from Hz", "hz", lambda row: row.low_hz),
+            Column("to Hz", "hz", lambda row: row.high_hz),
+            Column("margin %", "{:.1f}".format, lambda row: 100 * row.margin),
+            Column("", read=lambda row: "" if row.kept else "TOO CLOSE"),
+        ],
+        list(nearest.values()),
+    )
+
+
+def separation_record(separations: Sequence[Separation]) -> dict[str, Any]:
+    """Record of all margins, ``{"separation_margins": ...}``; empty without rules."""
+    if not separations:
+        return {}
+    rows = [vars(row) | {"margin": row.margin, "kept": row.kept} for row in separations]
+    return {"separation_margins": rows}
 
 
 def approximations(

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._shown import number
-from jaxhb.elements.rules import RULES
 from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
 from jaxhb.report.text.sentences import firing_lines, remarks_text
-from jaxhb.report.text.strength import AID, range_text
+from jaxhb.report.text.strength import AID, LIMITED, range_text
 from jaxhb.report.transients import (
     BARRED_SPEEDS,
     Fatigue,
@@ -38,6 +37,7 @@ def transient_text(report: TransientReport) -> str:
 def transient_parts(report: TransientReport) -> list[str]:
     """Make verdict, duration and speeds, tables, passages, and what limits are of."""
     parts = [_head(report), *_tables(report), *_stress_parts(report)]
+    parts += _peak_tables(report)
     return [*parts, *_passage_parts(report), *_rule_parts(report)]
 
 
@@ -219,14 +219,29 @@ def _stress_parts(report: TransientReport) -> list[str]:
     return parts
 
 
+def _peak_tables(report: TransientReport) -> Iterator[Table]:
+    """Make the tables of numbers that a limit bounds at every instant."""
+    for kind, peaks in report.peaks.items():
+        factor, _ = LIMITED[kind].shown
+        columns = [
+            Column(LIMITED[kind].element, read=lambda row: row[0]),
+            Column(
+                LIMITED[kind].called, "number", lambda row, by=factor: by * row[1].value
+            ),
+            Column("at s", number, lambda row: row[1].time),
+            Column("at rpm", number, lambda row: row[1].rpm),
+            Column("limit", "number", lambda row, by=factor: by * row[1].limit),
+            Column("share", ratio, lambda row: (row[1].value, row[1].limit)),
+        ]
+        if peaks:
+            yield Table(LIMITED[kind].title, columns, list(peaks.items()))
+
+
 def _rule_parts(report: TransientReport) -> list[str]:
     """Say what the limits are of."""
     rated = report.topology.rated_rpm
     rules = [peak.rule for peak in report.stresses.values() if peak.rule]
-    notes = [
-        RULES[rule].note.format(source=RULES[rule].source, rated=rated)
-        for rule in rules
-    ]
+    notes = [rule.note.format(source=rule.source, rated=rated) for rule in rules]
     return list(dict.fromkeys(notes))
 
 
@@ -259,8 +274,9 @@ def _passage_parts(report: TransientReport) -> list[str]:
     for passage in report.passages:
         text = f"  {passage.low:.4g} to {passage.high:.4g} rpm"
         if passage.barred is not None and rated is not None:
-            passed = RULES[report.stresses[passage.shaft].rule].passed
-            text = range_text(passage.shaft, passage.barred, passed, rated)
+            rule = report.stresses[passage.shaft].rule
+            assert rule is not None  # ranges are those of a rule
+            text = range_text(passage.shaft, passage.barred, rule, rated)
         lines.append(f"{text}: {number(passage.seconds)} s")
     if not lines:
         return []
