@@ -24,6 +24,7 @@ from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.omission import silent_cylinders
 from jaxhb.train.topology import Topology
 
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
@@ -456,7 +457,7 @@ class Strength:
     rules : dict, name of the rule of every shaft with limits; known : dict, the rules
         by name
     tachometer_tolerance : share of the rated speed by which barred ranges are widened
-    not_firing : names of the cylinders without injection
+    not_firing : names of the cylinders without injection or gas torque
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
     cycles, as no harmonic solution
         repeats the motion
@@ -635,11 +636,7 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         rules=rules,
         known=topology.rules.rules,
         tachometer_tolerance=topology.tachometer_tolerance,
-        not_firing=tuple(
-            name
-            for name in topology.cylinder_names
-            if name not in topology.firing_cylinders
-        ),
+        not_firing=silent_cylinders(train),
     )
 
 

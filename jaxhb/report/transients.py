@@ -147,16 +147,15 @@ def _peaks(run: Transient, kind: str) -> dict[str, Peak]:
         for name in having(run.topology, table, limit.key)
     ]
     for name in names:
+        values = run.torque(name)
         if kind == "speeds":
-            values = np.asarray(speed_of(Running(run.train, run.rpm, run), name))
-        else:
-            values = np.abs(np.asarray(run.torque(name).values))
-        place = int(values.argmax())
+            speeds = np.asarray(speed_of(Running(run.train, run.rpm, run), name))
+            values = History(run.time, speeds, run.rpm, run.angle)
         peaks[name] = Peak(
-            value=float(values[place]),
+            value=float(values.peak),
             limit=float(limit.of(run.train, name)),
-            time=float(run.time[place]),
-            rpm=float(run.rpm[place]),
+            time=float(values.time_of_peak),
+            rpm=float(values.rpm_of_peak),
         )
     return peaks
 

@@ -294,6 +294,12 @@ def _names_text(names: Sequence[str]) -> str:
     )
 
 
+def silent_cylinders(train: TrainArrays) -> tuple[str, ...]:
+    """Names of the cylinders without injection or without gas torque."""
+    names = train.topology.cylinder_names
+    return tuple(name for i, name in enumerate(names) if _computed(train, i))
+
+
 def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
     number = train.topology.cylinder_names.index(cylinder)

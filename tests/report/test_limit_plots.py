@@ -95,7 +95,7 @@ def test_the_picture_has_loads_beside_their_limits_and_shades_barred_ranges(
     assert_line(stress, "transient limit", 1e-6 * limits[1])
     (shaded,) = stress.bands
     (barred,) = strength.barred["line shaft"]
-    assert (shaded.low, shaded.high) == (barred.low, barred.high)
+    assert (shaded.low, shaded.high) == (barred.bar_low, barred.bar_high)
     # Thousands of N m are given in kN m, in the caption and in the title of the axis
     # too.
     assert_line(tooth, "vibratory torque", 1e-3 * torques.vibratory)

@@ -469,16 +469,30 @@ def _to_bar(barred: Sequence[BarredRange], rule: Rule, strength: Strength) -> li
             united[-1][1] = max(united[-1][1], high)
         else:
             united.append([low, high])
-    listed = ", ".join(f"{low:.4g} to {high:.4g} rpm" for low, high in united)
+    below = {float(each.bar_low) for each in barred if each.open_below}
+    above = {float(each.bar_high) for each in barred if each.open_above}
+    listed = ", ".join(
+        f"{low:.4g}{' or below' * (low in below)} to"
+        f" {high:.4g}{' or above' * (high in above)} rpm"
+        for low, high in united
+    )
     tolerance = barred[0].tolerance
     share = 100 * strength.tachometer_tolerance
-    words = (
-        f"To be barred and passed rapidly: {listed} (above the limit with {tolerance:g}"
-        f" rpm = {share:g} % of the rated speed for the tachometer, and"
-        f" {rule.range_source} around each critical speed)."
+    rated = strength.rated_rpm
+    assert rated is not None  # rules are those of a rated speed
+    accepted = all(
+        each.passable and each.bar_high <= rule.passed * rated for each in barred
     )
+    what = "Restricted with this misfire" if strength.not_firing else "To be barred"
+    how = " and passed rapidly" if accepted else ""
+    words = (
+        f"{what}{how}: {listed} (above the limit with {tolerance:g} rpm = {share:g} %"
+        f" of the rated speed for the tachometer, and {rule.range_source} around each"
+        " critical speed)."
+    )
+    if not accepted:
+        words += " NOT accepted as a whole: see the ranges."
     if strength.not_firing:
-        words = words.replace("To be barred", "Restricted with this misfire")
         words += " What is left must allow to navigate safely."
     return [words]
 
