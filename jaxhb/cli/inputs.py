@@ -30,20 +30,29 @@ def scenes() -> int:
 
 
 def new(arguments: cli.CommonOptions) -> int:
-    """Write a scene to begin with, and its tables beside it."""
-    file = arguments.files["file"]
+    """Write a scene to begin with: TOML and its tables beside it, or a workbook."""
+    if len(arguments.files) != 1:
+        raise output.OutputError("FILE and --xlsx: give one of them.")
+    ((form, file),) = arguments.files.items()
     path = Path(file)
     check_files(arguments)
     if path.exists():
         raise output.OutputError(
-            f"FILE: {file!r} is there already, and is not overwritten. Give another"
-            " name."
+            f"{FORMATS[form].option}: {file!r} is there already, and is not"
+            " overwritten. Give another name."
         )
-    text, tables = scene_text(arguments.scene, called=path.stem)
-    copies = copies_beside(tables, path.parent, "FILE")
-    output.write_files(copies.files | {file: copies.renamed(text).encode()})
+    files: dict[str, bytes] = {}
+    if form == "xlsx":
+        from jaxhb.scene.workbook.writing import scene_workbook
+
+        files[file] = scene_workbook(arguments.scene, called=path.stem)
+    else:
+        text, tables = scene_text(arguments.scene, called=path.stem)
+        copies = copies_beside(tables, path.parent, "FILE")
+        files |= {file: copies.renamed(text).encode()} | copies.files
+    output.write_files(files)
     if not arguments.quiet:
-        for name in (file, *copies.files):
+        for name in files:
             print(f"{name} is written.")
         print(f"Try: jaxhb check {shlex.quote(file)}")
     return 0

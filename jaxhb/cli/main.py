@@ -210,9 +210,24 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     )
 
 
-@command(cli.CommonOptions, "inputs", DONE, "new my_engine.toml")
+@command(
+    cli.CommonOptions,
+    "inputs",
+    DONE,
+    "new my_engine.toml",
+    "new --xlsx my_engine.xlsx",
+)
 @click.argument(
-    "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
+    "file",
+    metavar="[FILE.toml]",
+    type=click.Path(),
+    required=False,
+    help="the scene to write",
+)
+@options.file(
+    "xlsx",
+    "write the scene as a workbook with a sheet for each kind of element instead (needs"
+    " jaxhb[spreadsheet])",
 )
 @options.QUIET
 @option(
@@ -225,8 +240,8 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
 def new() -> None:
     """Write a small commented scene, or a copy of another.
 
-    Comments explain every line. A copy includes the CSV tables of the scene. Never
-    overwrites a file.
+    Comments explain every line; a workbook says of each cell what it may hold. A copy
+    includes the CSV tables of the scene. Never overwrites a file.
     """
 
 
@@ -262,9 +277,9 @@ def scenes() -> None:
 def scene() -> None:
     """Check a scene and write it as TOML.
 
-    Files of other programs are recognised by their extension: .json is the TORS format
-    of openTorsion, .csv has a table of inertias (name, inertia, radius, ...) and a
-    table of links (from, to, stiffness, ...).
+    Files are recognised by their extension: .xlsx is a workbook as jaxhb new --xlsx
+    writes it, .json the TORS format of openTorsion, .csv has a table of inertias (name,
+    inertia, radius, ...) and a table of links (from, to, stiffness, ...).
     """
 
 
@@ -350,6 +365,7 @@ def holzer() -> None:
 @options.EACH_MISFIRE
 @options.file("json", "write frequencies and critical speeds in full precision")
 @options.file("csv", "write one row per critical speed for spreadsheets")
+@options.file("xlsx")
 @options.plot("the Campbell diagram")
 def campbell() -> None:
     """Natural frequencies and orders over the speed.
@@ -522,6 +538,7 @@ def sweep() -> None:
 )
 @options.file("json", "write peaks and trouble in full precision, SI units")
 @options.file("csv", "write torques and tooth forces over time, SI units")
+@options.file("xlsx")
 @options.file(
     "netcdf", "write all signals over time as labelled arrays (needs jaxhb[data])"
 )
@@ -703,6 +720,7 @@ def tolerance() -> None:
 )
 @options.file("json")
 @options.file("csv", "write one row per speed and quantity for spreadsheets, SI units")
+@options.file("xlsx")
 def phase() -> None:
     """Two engines on one gear: the worst phase angle between them.
 
