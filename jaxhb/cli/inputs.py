@@ -114,7 +114,7 @@ def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
 
 
 def check_files(
-    arguments: cli.CommonOptions | cli.CampaignOptions,
+    arguments: cli.CommonOptions | cli.CampaignOptions | cli.OrdersOptions,
     options: dict[str, str] | None = None,
 ) -> None:
     """Refuse what cannot be written, by the name of the option that was given;
@@ -125,6 +125,8 @@ def check_files(
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     if isinstance(arguments, cli.CampaignOptions):
         inputs += filter(Path.is_file, [Path(arguments.study)])
+    if isinstance(arguments, cli.OrdersOptions):
+        inputs += filter(Path.is_file, [Path(arguments.recorded)])
     for name, path in files.items():
         form = FORMATS[name]
         option = (options or {}).get(name) or form.option

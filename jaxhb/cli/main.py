@@ -17,6 +17,7 @@ from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import (
     bounded,
     count,
+    finite,
     one_speed,
     orders,
     positive,
@@ -774,6 +775,69 @@ def identify() -> None:
     acceleration (columns rpm, order, element, quantity, amplitude, phase), with teeth
     in contact, and states how well the data determine them: see
     docs/how_to/measurements.md.
+    """
+
+
+@command(
+    cli.OrdersOptions,
+    "identify_command",
+    DONE,
+    "orders run_up.csv --pulses 60 --element flywheel --csv orders.csv --plot"
+    " orders.png",
+)
+@click.argument(
+    "recorded",
+    metavar="RECORDED.csv",
+    type=click.Path(),
+    help="time (s), and angle (deg) or speed (rpm), or times of pulses alone; mark",
+)
+@options.QUIET
+@option("--pulses N", "times are those of N pulses in a revolution", whole)
+@option(
+    "--revolutions N",
+    "revolutions in a cycle: 2 of a four-stroke engine, else 1",
+    positive,
+    default="2",
+    show_default=True,
+)
+@option("--orders M", "highest order", positive, default="12", show_default=True)
+@option(
+    "--cycles N",
+    "cycles in a block, of which all orders are found together",
+    whole,
+    default="10",
+    show_default=True,
+)
+@option(
+    "--step RPM",
+    "average blocks whose speeds lie in a window of this width",
+    positive,
+    default="10",
+    show_default=True,
+)
+@option(
+    "--mark DEG",
+    "angle of the cycle at the mark, 0 at firing top dead centre",
+    finite,
+    default="0",
+    show_default=True,
+)
+@option("--element NAME", "the disk that was measured, for the files")
+@option(
+    "--quantity {angle,speed,acceleration}",
+    "what tables, files and pictures show (default: angle)",
+    ("angle", "speed", "acceleration"),
+    default="angle",
+)
+@options.file("json")
+@options.file("csv", "write the amplitudes as jaxhb identify reads them")
+@options.file("xlsx")
+@options.plot("the largest orders over the speed")
+def orders_command() -> None:
+    """Orders of a measured rotation over the speed.
+
+    Reads a torsiograph, an encoder or the pulses of a wheel, and gives amplitude and
+    phase of every order: see docs/how_to/measurements.md.
     """
 
 
