@@ -14,7 +14,7 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.elements.units import Refused, has_unit, si_number
-from jaxhb.linear.strength import section, stress_of
+from jaxhb.linear.strength import having, stress_of
 from jaxhb.results.quantities import CALLED, MEASURED, names_of
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
 from jaxhb.scene.input_files import Unreadable, read_text
@@ -240,11 +240,7 @@ def _stress_faults(train: DriveTrain, element: str) -> list[str]:
     if element not in shafts:
         near = suggestion(element, shafts)
         return [f"there is no shaft {shown(element)} for its stress.{near}"]
-    try:
-        diameter, _ = section(train, element)
-    except TypeError:  # no shaft of the train has a diameter
-        diameter = np.nan
-    if float(diameter) > 0:
+    if element in having(train.topology, "shaft", "diameter", "outer"):
         return []
     return [
         f"the stress of {shown(element)} needs the section of the shaft: give its"

@@ -53,6 +53,9 @@ def scene_workbook(name: str | Path, *, called: str | None = None) -> bytes:
     are those of :func:`jaxhb.scene_text`.
 
     :class:`SceneError` names all faults of the scene.
+
+    >>> scene_workbook("spur_pair")[:2]
+    b'PK'
     """
     load_scene(name)
     path = find_scene(name)
