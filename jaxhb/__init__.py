@@ -22,7 +22,8 @@ judge                  strength, certify (a computed bound), shooting_correction
                        check by time integration)
 tune                   tune; Objective, Parameter, Penalty and smooth objectives in
                        jaxhb.design
-not known exactly      tolerance (the worst case); identify (numbers from measurements)
+not known exactly      tolerance (the worst case); identify (numbers from measurements),
+                       measured_orders (of pulses, angles or speeds over time)
 read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal;
                        Response.mesh: contact
 start at once          cache_programs

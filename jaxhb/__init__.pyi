@@ -27,6 +27,10 @@ from .design import (
     tune_transient as tune_transient,
     worst_phase as worst_phase,
 )
+from .design.signals.orders import (
+    MeasuredOrders as MeasuredOrders,
+    measured_orders as measured_orders,
+)
 from .elements.derived import (
     shaft_stiffness as shaft_stiffness,
     viscous_damping as viscous_damping,
@@ -133,6 +137,7 @@ from .results.status import (
 )
 from .results.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
 from .scene.files import load_scene as load_scene, scene_names as scene_names
+from .scene.workbook.writing import scene_workbook as scene_workbook
 from .scene.writer import elements_text as elements_text, scene_text as scene_text
 from .solutions.misfires import (
     cut_off_each as cut_off_each,

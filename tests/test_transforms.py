@@ -156,6 +156,9 @@ CALLS = {
     "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
+    "measured_orders": (
+        lambda x: jaxhb.measured_orders(jnp.arange(9.0), speed=x * jnp.ones(9)).rpm[0]
+    ),
     "identify": (
         lambda x: jaxhb.identify(shaft(x), MEASURED, parameters=[STIFFNESS]).values[0]
     ),
@@ -254,6 +257,8 @@ WITHOUT_NUMBERS = {
     "load_study",
     "scene_names",
     "scene_text",
+    "scene_workbook",
+    "read_recorded",
     "elements_text",
     "read_measured",
     "read_tolerances",

@@ -271,3 +271,22 @@ class IdentifyOptions(ComputedOptions):
     fit: tuple[tuple[str, tuple[float, float]], ...]
     noise: float
     weak: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrdersOptions:
+    """Options of ``jaxhb orders``: a file of a measured rotation, and what becomes of
+    it.
+    """
+
+    recorded: str
+    quiet: bool = False
+    files: Mapping[str, str] = field(default_factory=dict)
+    pulses: int | None
+    revolutions: float
+    orders: float
+    cycles: int
+    step: float
+    mark: float
+    element: str | None
+    quantity: Literal["angle", "speed", "acceleration"]

@@ -1,4 +1,6 @@
-"""The command of measurements: fit numbers of a scene, or find the weak cylinder."""
+"""The commands of measurements: fit numbers of a scene, find the weak cylinder, find
+the orders of a measured rotation.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +14,19 @@ from jaxhb.design.identification import (
 )
 from jaxhb.design.measurements import Measured, read_measured
 from jaxhb.design.quantities import Parameter
+from jaxhb.design.signals.files import read_recorded
+from jaxhb.design.signals.orders import measured_orders
 from jaxhb.design.tolerances import read_tolerances
-from jaxhb.report.figures.speeds import plot_identified
+from jaxhb.report.figures.speeds import plot_identified, plot_measured
 from jaxhb.report.files import output
 from jaxhb.report.files.formats import deliver
 from jaxhb.report.orders import order_names
 from jaxhb.report.text.identified import (
     identified_record,
     identified_text,
+    measured_record,
+    measured_sheet,
+    measured_text,
     weak_record,
     weak_text,
 )
@@ -53,6 +60,37 @@ def identify(train: DriveTrain, arguments: cli.IdentifyOptions) -> int:
         _write(arguments, path, fitted)
         if not arguments.quiet:
             print(f"\nThe scene with the fitted parameters is {path}.")
+    return output.ANSWERED
+
+
+def orders(arguments: cli.OrdersOptions) -> int:
+    """Find the orders of a measured rotation."""
+    if {"csv", "xlsx"} & {*arguments.files} and arguments.element is None:
+        raise output.OutputError(
+            "--csv: its rows name the disk that was measured. Give it by --element."
+        )
+    path = Path(arguments.recorded)
+    recorded = read_recorded(path, pulses=arguments.pulses is not None)
+    found = measured_orders(
+        recorded.time,
+        angle=None if arguments.pulses else recorded.angle,
+        speed=None if arguments.pulses else recorded.speed,
+        pulses=arguments.pulses,
+        marks=recorded.marks,
+        mark_deg=arguments.mark,
+        revolutions_per_cycle=arguments.revolutions,
+        highest=arguments.orders,
+        cycles=arguments.cycles,
+        step_rpm=arguments.step,
+    )
+    quantity = arguments.quantity
+    element = arguments.element or ""
+    makers = {
+        "record": lambda: measured_record(found, path.name, element),
+        "rows": lambda: measured_sheet(found, element, quantity),
+        "figure": lambda: plot_measured(found, quantity, path.name),
+    }
+    deliver(arguments, measured_text(found, quantity, path.name), makers)
     return output.ANSWERED
 
 

@@ -36,20 +36,29 @@ def scenes() -> int:
 
 
 def new(arguments: cli.CommonOptions) -> int:
-    """Write a scene to begin with, and its tables beside it."""
-    file = arguments.files["file"]
+    """Write a scene to begin with: TOML and its tables beside it, or a workbook."""
+    if len(arguments.files) != 1:
+        raise output.OutputError("FILE and --xlsx: give one of them.")
+    ((form, file),) = arguments.files.items()
     path = Path(file)
     check_files(arguments)
     if path.exists():
         raise output.OutputError(
-            f"FILE: {file!r} is there already, and is not overwritten. Give another"
-            " name."
+            f"{FORMATS[form].option}: {file!r} is there already, and is not"
+            " overwritten. Give another name."
         )
-    text, tables = scene_text(arguments.scene, called=path.stem)
-    copies = copies_beside(tables, path.parent, "FILE")
-    output.write_files(copies.files | {file: copies.renamed(text).encode()})
+    files: dict[str, bytes] = {}
+    if form == "xlsx":
+        from jaxhb.scene.workbook.writing import scene_workbook
+
+        files[file] = scene_workbook(arguments.scene, called=path.stem)
+    else:
+        text, tables = scene_text(arguments.scene, called=path.stem)
+        copies = copies_beside(tables, path.parent, "FILE")
+        files |= {file: copies.renamed(text).encode()} | copies.files
+    output.write_files(files)
     if not arguments.quiet:
-        for name in (file, *copies.files):
+        for name in files:
             print(f"{name} is written.")
         print(f"Try: jaxhb check {shlex.quote(file)}")
     return 0
@@ -123,7 +132,7 @@ def shown_units(
 
 
 def check_files(
-    arguments: cli.CommonOptions | cli.CampaignOptions,
+    arguments: cli.CommonOptions | cli.CampaignOptions | cli.OrdersOptions,
     options: dict[str, str] | None = None,
 ) -> None:
     """Refuse what cannot be written, by the name of the option that was given;
@@ -134,6 +143,8 @@ def check_files(
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     if isinstance(arguments, cli.CampaignOptions):
         inputs += filter(Path.is_file, [Path(arguments.study)])
+    if isinstance(arguments, cli.OrdersOptions):
+        inputs += filter(Path.is_file, [Path(arguments.recorded)])
     for name, path in files.items():
         form = FORMATS[name]
         option = (options or {}).get(name) or form.option

@@ -17,6 +17,7 @@ from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import (
     bounded,
     count,
+    finite,
     one_speed,
     orders,
     positive,
@@ -210,9 +211,24 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
     )
 
 
-@command(cli.CommonOptions, "inputs", DONE, "new my_engine.toml")
+@command(
+    cli.CommonOptions,
+    "inputs",
+    DONE,
+    "new my_engine.toml",
+    "new --xlsx my_engine.xlsx",
+)
 @click.argument(
-    "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
+    "file",
+    metavar="[FILE.toml]",
+    type=click.Path(),
+    required=False,
+    help="the scene to write",
+)
+@options.file(
+    "xlsx",
+    "write the scene as a workbook with a sheet for each kind of element instead (needs"
+    " jaxhb[spreadsheet])",
 )
 @options.QUIET
 @option(
@@ -225,8 +241,8 @@ def command(arguments: type | None, work: str, status: str, *examples: str) -> C
 def new() -> None:
     """Write a small commented scene, or a copy of another.
 
-    Comments explain every line. A copy includes the CSV tables of the scene. Never
-    overwrites a file.
+    Comments explain every line; a workbook says of each cell what it may hold. A copy
+    includes the CSV tables of the scene. Never overwrites a file.
     """
 
 
@@ -262,9 +278,9 @@ def scenes() -> None:
 def scene() -> None:
     """Check a scene and write it as TOML.
 
-    Files of other programs are recognised by their extension: .json is the TORS format
-    of openTorsion, .csv has a table of inertias (name, inertia, radius, ...) and a
-    table of links (from, to, stiffness, ...).
+    Files are recognised by their extension: .xlsx is a workbook as jaxhb new --xlsx
+    writes it, .json the TORS format of openTorsion, .csv has a table of inertias (name,
+    inertia, radius, ...) and a table of links (from, to, stiffness, ...).
     """
 
 
@@ -379,6 +395,7 @@ def holzer() -> None:
 @options.EACH_MISFIRE
 @options.file("json", "write frequencies and critical speeds in full precision")
 @options.file("csv", "write one row per critical speed for spreadsheets")
+@options.file("xlsx")
 @options.plot("the Campbell diagram")
 def campbell() -> None:
     """Natural frequencies and orders over the speed.
@@ -556,6 +573,7 @@ def sweep() -> None:
 )
 @options.file("json", "write peaks and trouble in full precision, SI units")
 @options.file("csv", "write torques and tooth forces over time, SI units")
+@options.file("xlsx")
 @options.file(
     "netcdf", "write all signals over time as labelled arrays (needs jaxhb[data])"
 )
@@ -737,6 +755,7 @@ def tolerance() -> None:
 )
 @options.file("json")
 @options.file("csv", "write one row per speed and quantity for spreadsheets, SI units")
+@options.file("xlsx")
 def phase() -> None:
     """Two engines on one gear: the worst phase angle between them.
 
@@ -790,6 +809,69 @@ def identify() -> None:
     acceleration (columns rpm, order, element, quantity, amplitude, phase), with teeth
     in contact, and states how well the data determine them: see
     docs/how_to/measurements.md.
+    """
+
+
+@command(
+    cli.OrdersOptions,
+    "identify_command",
+    DONE,
+    "orders run_up.csv --pulses 60 --element flywheel --csv orders.csv --plot"
+    " orders.png",
+)
+@click.argument(
+    "recorded",
+    metavar="RECORDED.csv",
+    type=click.Path(),
+    help="time (s), and angle (deg) or speed (rpm), or times of pulses alone; mark",
+)
+@options.QUIET
+@option("--pulses N", "times are those of N pulses in a revolution", whole)
+@option(
+    "--revolutions N",
+    "revolutions in a cycle: 2 of a four-stroke engine, else 1",
+    positive,
+    default="2",
+    show_default=True,
+)
+@option("--orders M", "highest order", positive, default="12", show_default=True)
+@option(
+    "--cycles N",
+    "cycles in a block, of which all orders are found together",
+    whole,
+    default="10",
+    show_default=True,
+)
+@option(
+    "--step RPM",
+    "average blocks whose speeds lie in a window of this width",
+    positive,
+    default="10",
+    show_default=True,
+)
+@option(
+    "--mark DEG",
+    "angle of the cycle at the mark, 0 at firing top dead centre",
+    finite,
+    default="0",
+    show_default=True,
+)
+@option("--element NAME", "the disk that was measured, for the files")
+@option(
+    "--quantity {angle,speed,acceleration}",
+    "what tables, files and pictures show (default: angle)",
+    ("angle", "speed", "acceleration"),
+    default="angle",
+)
+@options.file("json")
+@options.file("csv", "write the amplitudes as jaxhb identify reads them")
+@options.file("xlsx")
+@options.plot("the largest orders over the speed")
+def orders_command() -> None:
+    """Orders of a measured rotation over the speed.
+
+    Reads a torsiograph, an encoder or the pulses of a wheel, and gives amplitude and
+    phase of every order: see docs/how_to/measurements.md.
     """
 
 

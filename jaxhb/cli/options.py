@@ -128,7 +128,7 @@ class Command(click.Command):
         """Run the function of the command with its options."""
         from jaxhb.cli import inputs, operating_modes
 
-        if isinstance(arguments, cli.CampaignOptions):
+        if isinstance(arguments, cli.CampaignOptions | cli.OrdersOptions):
             inputs.check_files(arguments)
             return self._function()(arguments)
         if not isinstance(arguments, cli.ChangedOptions):

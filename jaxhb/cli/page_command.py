@@ -53,7 +53,7 @@ from jaxhb.report.transients import (
     transient_report,
 )
 from jaxhb.results.checkpoint import place_in
-from jaxhb.scene.files import _find, load_scene, scene_description
+from jaxhb.scene.files import find_scene, load_scene, scene_description
 from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
@@ -458,7 +458,7 @@ def _file(name: str) -> str:
     """The name of a scene, and the checksum of its file and the tables that it
     names.
     """
-    path = _find(name)
+    path = find_scene(name)
     tables = [table for _, table in sorted(scene_text(name)[1].items())]
     digest = hashlib.sha256(b"".join(map(read_bytes, [path, *tables])))
     return (

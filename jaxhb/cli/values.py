@@ -62,6 +62,14 @@ def speed_pair(text: str) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
+def finite(text: str) -> float:
+    """A finite number."""
+    value = _number(text)
+    if math.isnan(value):
+        raise ValueError(f"{text!r} must be a number")
+    return value
+
+
 share = partial(positive, below=1.0, bound=" and less than 1, as 0.01 for 1 %")
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .identification import identify, weak_cylinder
     from .measurements import Measured, read_measured
     from .phases import worst_phase
+    from .signals.files import Recorded, read_recorded
     from .tolerances import Tolerance, read_tolerances
     from .transients.tuning import TransientObjective, tune_transient
     from .tuning import tune
@@ -26,6 +27,7 @@ LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
 LATER |= dict.fromkeys(("identify", "weak_cylinder"), "identification")
 LATER |= dict.fromkeys(("TransientObjective", "tune_transient"), "transients.tuning")
 LATER |= dict.fromkeys(("Measured", "read_measured"), "measurements")
+LATER |= dict.fromkeys(("Recorded", "read_recorded"), "signals.files")
 """Modules of the names whose import takes optax or scipy."""
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "identify",
     "read_measured",
 ]
+__all__ += ["Recorded", "read_recorded"]
 __all__ += ["TransientObjective", "read_tolerances", "tolerance", "tune"]
 __all__ += ["tune_transient", "weak_cylinder", "worst_phase"]
 

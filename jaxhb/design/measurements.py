@@ -1,14 +1,20 @@
-"""Measured orders of torques, angles, speeds and accelerations, and the CSV files that
-hold them.
+"""Measured orders of torques, stresses, angles, speeds and accelerations, and the CSV
+files that hold them.
+
+A strain gauge measures the shear stress of a shaft: it is read as the torque that makes
+it, the stress times W_p of the section that the scene gives.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
+from jaxhb.elements.units import Refused, has_unit, si_number
+from jaxhb.linear.strength import having, stress_of
 from jaxhb.results.quantities import CALLED, MEASURED, names_of
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
 from jaxhb.scene.input_files import Unreadable, read_text
@@ -16,6 +22,10 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM
 
 COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
+STRESS = "stress"
+"""Quantity of a strain gauge, Pa."""
+UNITS = {name: vibration.unit for name, vibration in MEASURED.items()} | {STRESS: "Pa"}
+"""Units of amplitudes by the quantities that files may name."""
 
 
 @by_value
@@ -55,10 +65,19 @@ class _Row:
         """
         if head == "order" and self.text(head) == "sum":
             return np.nan
+        if head == "amplitude" and has_unit(self.text(head)):
+            value = self.with_unit()
+            return np.inf if isinstance(value, str) else value
         try:
             return self.table.number(self.text(head))
         except ValueError:
             return np.inf
+
+    def with_unit(self) -> Any:
+        """The amplitude in the unit of its quantity, where it is written with a unit:
+        Refused where that does not fit.
+        """
+        return si_number(self.text("amplitude"), UNITS.get(self.text("quantity"), ""))
 
     @property
     def place(self) -> tuple:
@@ -70,6 +89,9 @@ class _Row:
 def read_measured(path: str | Path, train: DriveTrain) -> Measured:
     """Read the rows of a CSV file with the columns rpm, order, element, quantity,
     amplitude and, if measured, phase.
+
+    Amplitudes are in SI units, or each with a unit of its own as ``45 MPa``. Rows of
+    the ``stress`` of a shaft become those of its torque.
 
     Columns are separated by commas, semicolons or tabs; decimals may have commas where
     these separate nothing; # begins a comment. ``order`` may be ``sum``.
@@ -108,12 +130,23 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
         rpm=np.array([row.number("rpm") for row in rows]),
         order=np.array([row.number("order") for row in rows]),
         element=tuple(row.text("element") for row in rows),
-        quantity=tuple(row.text("quantity") for row in rows),
-        amplitude=np.array([row.number("amplitude") for row in rows]),
+        quantity=tuple(
+            "torque" if row.text("quantity") == STRESS else row.text("quantity")
+            for row in rows
+        ),
+        amplitude=np.array([_amplitude(train, row) for row in rows]),
         phase=np.array(
             [row.number("phase") if row.text("phase") else np.nan for row in rows]
         ),
     )
+
+
+def _amplitude(train: DriveTrain, row: _Row) -> float:
+    """Amplitude of a sound row, of a stress that of the torque."""
+    amplitude = row.number("amplitude")
+    if row.text("quantity") != STRESS:
+        return amplitude
+    return amplitude / float(stress_of(train, row.text("element"), 1.0))
 
 
 def _lines(numbers: list[int]) -> str:
@@ -170,7 +203,10 @@ def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
             f"order {order:g} is no harmonic of the cycle: use a multiple of"
             f" {1 / turns:g}."
         )
-    if not 0 <= row.number("amplitude") < np.inf:
+    refused = row.with_unit()
+    if isinstance(refused, Refused):
+        faults.append(f"amplitude is {shown(refused)}, {refused.why}")
+    elif not 0 <= row.number("amplitude") < np.inf:
         faults.append(
             f"amplitude is {shown(row.text('amplitude'))}, must be at least 0."
         )
@@ -185,8 +221,10 @@ def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
     """Sentences on the quantity and the element of a row."""
     quantity = row.text("quantity")
     element = row.text("element")
+    if quantity == STRESS:
+        return _stress_faults(train, element)
     if quantity not in MEASURED:
-        near = suggestion(quantity, MEASURED)
+        near = suggestion(quantity, UNITS)
         return [f"there is no quantity {shown(quantity)}.{near}"]
     kind = MEASURED[quantity].element
     names = names_of(train.topology)[kind]
@@ -194,3 +232,17 @@ def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
         return []
     near = suggestion(element, names)
     return [f"there is no {CALLED[kind]} {shown(element)}.{near}"]
+
+
+def _stress_faults(train: DriveTrain, element: str) -> list[str]:
+    """Sentences on a stress: it needs a shaft whose section is known."""
+    shafts = train.topology.shaft_names
+    if element not in shafts:
+        near = suggestion(element, shafts)
+        return [f"there is no shaft {shown(element)} for its stress.{near}"]
+    if element in having(train.topology, "shaft", "diameter", "outer"):
+        return []
+    return [
+        f"the stress of {shown(element)} needs the section of the shaft: give its"
+        " diameter (and bore) in the scene, or the torque."
+    ]

@@ -19,7 +19,7 @@ from jaxhb.elements.units import OFTEN, UnitError, factor, is_unit
 SEPARATORS = ",", ";", "\t"
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """Number whose comma may be that of decimals or of thousands."""
 _UNIT_OF_HEAD = re.compile(r"(.*?)(?:\s*[\[(]([^\])]*)[\])]|\s+in\s+(\S.*))\s*")
 _CRANK_ANGLE = re.compile(r"(?:°|deg\.?)\s*(?:CA|CRA|KW)\b")
@@ -226,7 +226,7 @@ def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
     if points:
         other = f"in line {points[0]} decimals have a point"
         raise SceneError(f"{place(number, cell)} has a comma, and {other}. {cure}")
-    if all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
+    if all(THOUSANDS.fullmatch(cell) for _, cell in commas):
         raise SceneError(
             f"{place(number, cell)} may have decimals or thousands behind its comma."
             f" {cure}"

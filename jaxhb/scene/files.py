@@ -24,11 +24,28 @@ from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.elements.units import UnitError, chosen_units, si_value, units_of_columns
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
-from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
+from jaxhb.scene.input_files import (
+    Missing,
+    Unreadable,
+    is_beside,
+    read_bytes,
+    read_text,
+)
+from jaxhb.scene.workbook.places import in_cells
+from jaxhb.scene.workbook.reading import workbook_content
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
-_READERS = {".json": tors_content, ".csv": csv_content}
+WORKBOOK = ".xlsx"
+READERS: dict[str, Any] = {
+    ".json": tors_content,
+    ".csv": csv_content,
+    WORKBOOK: workbook_content,
+}
+"""What reads files of other programs, by their endings: the text, of a workbook the
+bytes.
+"""
+
 _UNREADABLE = {
     # Python reads no more than 4300
     ValueError: "an integer has too many digits to be read. Write it as 1e9.",
@@ -66,7 +83,7 @@ def scene_description(name: str | Path) -> str:
     """Read the ``description`` in the ``[scene]`` of a packaged scene or a file, empty
     if there is none.
     """
-    head = parse(_find(name), []).get("scene", {})
+    head = parse(find_scene(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
@@ -74,15 +91,26 @@ def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
     ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in
-    the scene format, SI units, a ``.json`` in the TORS format of openTorsion, or a
-    ``.csv`` with a table of inertias and a table of links. The train is as
-    :func:`jaxhb.build` makes it; :class:`SceneError` names all faults, one sentence a
-    line.
+    the scene format, SI units, an ``.xlsx`` with a sheet for each table, a ``.json`` in
+    the TORS format of openTorsion, or a ``.csv`` with a table of inertias and a table
+    of links. The train is as :func:`jaxhb.build` makes it; :class:`SceneError` names
+    all faults, one sentence a line.
 
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """
-    path = _find(name)
+    path = find_scene(name)
+    try:
+        return _load(path)
+    except SceneError as error:
+        if path.suffix != WORKBOOK or not path.is_file():
+            raise
+        places = in_cells(read_bytes(path), path.name, error.sentences)
+        raise SceneError(places) from None
+
+
+def _load(path: Path) -> DriveTrain:
+    """Read the scene of a file."""
     errors: list[str] = []
     content = parse(path, errors)
     whole = not errors
@@ -199,12 +227,12 @@ def _folder() -> Path:
     return Path(str(resources.files("jaxhb.scene") / "scenes"))
 
 
-def _find(name: str | Path) -> Path:
+def find_scene(name: str | Path) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
     if (
         isinstance(name, Path)
-        or text.endswith((".toml", *_READERS))
+        or text.endswith((".toml", *READERS))
         or "/" in text
         or "\\" in text
     ):
@@ -235,8 +263,9 @@ def parse(path: Path, errors: list[str]) -> dict[str, Any]:
     """Read a file; raise a syntax error as a sentence, and add other faults to
     ``errors``.
     """
+    text: str | bytes
     try:
-        text = read_text(path)
+        text = read_bytes(path) if path.suffix == WORKBOOK else read_text(path)
     except Missing:
         raise SceneError(
             f"{cut(str(path))}: there is no such file. Give the path of a .toml, or a"
@@ -246,8 +275,8 @@ def parse(path: Path, errors: list[str]) -> dict[str, Any]:
         raise SceneError(f"{cut(str(path))}: {error}") from None
     try:
         return (
-            _READERS[path.suffix](text, path.name, errors)
-            if path.suffix in _READERS
+            READERS[path.suffix](text, path.name, errors)
+            if path.suffix in READERS
             else tomllib.loads(text)
         )
     except SceneError:
@@ -443,3 +472,12 @@ def _read_rows(
     )
     tables[name, units] = rows
     return rows
+
+
+def rows_beside(
+    name: str, folder: Path, columns: tuple[str, ...], units: tuple[str, ...]
+) -> list[list[float]]:
+    """Rows of a sound CSV file beside a scene, in the units of their columns."""
+    rows = _read_rows(name, folder, columns, units, {})
+    assert not isinstance(rows, Unread)  # it is the first time that the file is read
+    return [list(row) for row in rows]

@@ -33,20 +33,20 @@ class Missing(Unreadable):
     """There is no file of a name."""
 
 
-def read_bytes(path: Path) -> bytes:
-    """Read the content of a regular file of at most :data:`MOST_BYTES`, else raise
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read the content of a regular file of at most ``most`` bytes, else raise
     :class:`Unreadable`.
     """
     try:
         # Before it is opened: opening alone acts on some devices.
-        _refuse(os.stat(path))
+        _refuse(os.stat(path), most)
         # A pipe that took the place of the file would wait for its writer.
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         handle = os.open(path, flags)
         with open(handle, "rb") as file:
-            _refuse(os.fstat(handle))
+            _refuse(os.fstat(handle), most)
             # Files of the system state no size.
-            content = file.read(MOST_BYTES + 1)
+            content = file.read(most + 1)
     except Unreadable:
         raise
     except OSError as error:
@@ -55,17 +55,17 @@ def read_bytes(path: Path) -> bytes:
         raise Unreadable(f"the file cannot be read: {error.strerror}.") from None
     except ValueError:  # no file has a null character in its name
         raise Missing(_MISSING) from None
-    if len(content) > MOST_BYTES:
-        raise Unreadable(_too_large("more"))
+    if len(content) > most:
+        raise Unreadable(_too_large("more", most))
     return content
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most: int = MOST_BYTES) -> str:
     """Read the text of a file as by :func:`read_bytes`, line ends as ``\\n``; UTF-8,
     with or without the mark of Windows.
     """
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise Unreadable("the file is not UTF-8 text. Save it as UTF-8.") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
@@ -81,7 +81,7 @@ def is_beside(path: Path, folder: Path) -> bool:
         return False
 
 
-def _refuse(status: os.stat_result) -> None:
+def _refuse(status: os.stat_result, most: int) -> None:
     """Refuse what is no regular file, or too large."""
     kind = stat.S_IFMT(status.st_mode)
     if kind != stat.S_IFREG:
@@ -89,12 +89,12 @@ def _refuse(status: os.stat_result) -> None:
             f"the file is {_KINDS.get(kind, 'none on a disk')}, must be a regular file."
             " Correct the name."
         )
-    if status.st_size > MOST_BYTES:
-        raise Unreadable(_too_large(f"{status.st_size / 2**20:.0f} MiB"))
+    if status.st_size > most:
+        raise Unreadable(_too_large(f"{status.st_size / 2**20:.0f} MiB", most))
 
 
-def _too_large(size: str) -> str:
+def _too_large(size: str, most: int) -> str:
     return (
-        f"the file has {size}, must have at most {MOST_BYTES // 2**20} MiB. Leave out"
+        f"the file has {size}, must have at most {most // 2**20} MiB. Leave out"
         " what is not needed."
     )

@@ -17,11 +17,11 @@ from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinder_rows
 from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
-    _READERS,
     BESIDE,
+    READERS,
     RULE_FILE,
-    _find,
     _read_elements,
+    find_scene,
     load_scene,
     parse,
     si_keys,
@@ -67,7 +67,7 @@ def scene_text(
     """
     # For its errors: a scene that does not load is not written.
     load_scene(name)
-    path = _find(name)
+    path = find_scene(name)
     content = parse(path, [])
     text = _text_of(path, content)
     if expand:
@@ -155,7 +155,7 @@ def _plain(value: Any) -> Any:
 
 def _text_of(path: Path, content: Mapping[str, Any]) -> TomlText:
     """Text of a file; of a file of another program the text of its content."""
-    if path.suffix in _READERS:
+    if path.suffix in READERS:
         return TomlText.of(content)
     # Bytes: text mode would turn the line ends of Windows.
     return TomlText(read_bytes(path).decode("utf-8-sig"))
@@ -205,7 +205,7 @@ def element_files(name: str | Path) -> dict[str, list[dict[str, str]]]:
     """Files from which the torques and the cylinders of a scene take their rows, of
     each by field.
     """
-    content = parse(_find(name), [])
+    content = parse(find_scene(name), [])
     rows = {
         "torque": content.get("torque", []),
         "cylinder": [*content.get("cylinder", []), *_engine_cylinders(content)],
@@ -232,7 +232,7 @@ def _files_of_row(row: Mapping[str, Any]) -> dict[str, str]:
 
 def scene_files(name: str | Path) -> list[Path]:
     """Paths of the files from which a scene is read: itself and the tables it names."""
-    path = _find(name)
+    path = find_scene(name)
     tables = _tables_beside(parse(path, []), path.parent).values()
     return [path, *(table for table in tables if table.is_file())]
 
@@ -252,7 +252,7 @@ def changed_scene(
     ``{"NAME.FIELD": {"std": value}}``, in the place of those there; ``remark`` : lines
     of comment at the head.
     """
-    path = _find(name)
+    path = find_scene(name)
     content = parse(path, [])
     text = _text_of(path, content)
     if any(table == "cylinder" for table, _, _ in values):
@@ -302,7 +302,7 @@ def elements_of(name: str | Path, values: Values | tuple[()] = ()) -> dict[str, 
     """Elements of a scene by name, engines as cylinders, with ``values`` as in
     :func:`changed_scene`.
     """
-    path = _find(name)
+    path = find_scene(name)
     text, _ = changed_scene(name, dict(values))
     elements, _ = _read_elements(path, tomllib.loads(text), [])
     parts = Parts(elements, path.name)

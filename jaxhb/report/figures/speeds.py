@@ -42,6 +42,7 @@ from jaxhb.report.quantities import (
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.forced import by_kind
+from jaxhb.report.text.identified import largest_orders
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
@@ -51,6 +52,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
     from jaxhb.design.identification import Identification
+    from jaxhb.design.signals.orders import MeasuredOrders
     from jaxhb.design.worst_case import Spread
     from jaxhb.report.figures.draw import Picture
     from jaxhb.report.text.forced import ElementReading, WorstMisfire
@@ -331,6 +333,24 @@ def plot_identified(identification: Identification) -> Picture:
         figures.append(figure(caption, axis, f"{quantity}, {unit}", traces))
     title = train_name(identification.train.topology)
     return drawn(*figures, title=f"{title}: measured and computed")
+
+
+def plot_measured(found: MeasuredOrders, quantity: str, name: str) -> Picture:
+    """Draw the largest orders of a measured rotation over the speed."""
+    values = found.values(quantity)
+    factor, unit = shown_unit(MEASURED[quantity].unit)
+    traces = [
+        line(
+            found.rpm,
+            factor * np.abs(values[:, place]),
+            f"order {found.orders[place]:g}",
+            style,
+        )
+        for style, place in enumerate(largest_orders(values, MOST))
+    ]
+    axis = Axis("speed, rpm", speed_range(found.rpm))
+    caption = f"{plain(name)}: orders of the {quantity}"
+    return drawn(figure(caption, axis, f"{quantity}, {unit}", traces), title=name)
 
 
 MOST = 4  # elements, or orders, in one picture

@@ -17,6 +17,7 @@ from jaxhb.report.files.output import (
     merged_json,
     write_files,
 )
+from jaxhb.report.files.spreadsheets import as_workbook, merged_workbook
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +90,19 @@ FORMATS = {
             content="rows",
             write=lambda name, sheet: as_csv(sheet.heads, sheet.rows),
             merge=merged_csv,
+        ),
+        Format(
+            name="xlsx",
+            metavar="FILE.xlsx",
+            text="write the same rows as a workbook (needs jaxhb[spreadsheet])",
+            kind="workbook",
+            endings=(".xlsx",),
+            need="workbooks need",
+            extra="spreadsheet",
+            libraries=("openpyxl",),
+            content="rows",
+            write=lambda name, sheet: as_workbook({"results": sheet}),
+            merge=merged_workbook,
         ),
         Format(
             name="netcdf",

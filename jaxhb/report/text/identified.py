@@ -1,5 +1,5 @@
-"""Result of a fit to measurements: tables for people, a record for programs, and the
-scene with fitted parameters.
+"""Results of measurements: orders of a rotation, and fits to them, as tables for people
+and records for programs.
 """
 
 from collections.abc import Mapping
@@ -13,6 +13,9 @@ from jaxhb.design.identification import (
     Identification,
     WeakCylinder,
 )
+from jaxhb.design.measurements import COLUMNS
+from jaxhb.design.signals.orders import QUANTITIES, MeasuredOrders
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, count, plain_number
@@ -269,3 +272,86 @@ def weak_record(fit: WeakCylinder) -> dict[str, Any]:
         "explained": fit.explained,
         "left_out": fit.left_out,
     }
+
+
+LISTED = 8  # orders of a table, the largest
+
+
+def largest_orders(values: np.ndarray, most: int) -> list[int]:
+    """Places of the largest of K orders over all speeds, of amplitudes ``(B, K)``, in
+    rising order.
+    """
+    sizes = np.abs(values).max(axis=0)
+    return sorted(map(int, np.argsort(-sizes, kind="stable")[:most]))
+
+
+def measured_text(found: MeasuredOrders, quantity: str, name: str) -> str:
+    """The largest orders of a measured rotation over the speed."""
+    values = found.values(quantity)
+    factor, unit = shown_unit(MEASURED[quantity].unit)
+    places = largest_orders(values, LISTED)
+    noise = np.abs(found.noise[:, :1] / found.angle[:, :1]) * np.abs(values[:, :1])
+    phased = "with phases" if found.phased else "without phases, as there is no mark"
+    caption = (
+        f"{name}: {found.blocks.sum()} blocks in {len(found.rpm)} windows of speed,"
+        f" {phased}.\nAmplitudes of the {quantity} by order, {unit}"
+    )
+    columns = [
+        Column("rpm", "{:.1f}".format),
+        Column("blocks", str),
+        *(Column(f"{found.orders[place]:g}", "amplitude") for place in places),
+        Column(f"noise of order {found.orders[0]:g}", "{:.2g}".format),
+    ]
+    rows = [
+        [
+            rpm,
+            blocks,
+            *(factor * abs(row[place]) for place in places),
+            factor * float(own_noise[0]),
+        ]
+        for rpm, blocks, row, own_noise in zip(
+            found.rpm, found.blocks, values, noise, strict=True
+        )
+    ]
+    return "\n\n".join([Table(caption, columns, rows), *remarks_text(found.notes, "")])
+
+
+def measured_sheet(found: MeasuredOrders, element: str, quantity: str) -> Sheet:
+    """Rows of a file as :func:`jaxhb.design.read_measured` reads it."""
+    rows = found.rows(element, quantity)
+    columns = [getattr(rows, name) for name in COLUMNS]
+    return Sheet(COLUMNS, [list(row) for row in zip(*columns, strict=True)])
+
+
+def measured_record(found: MeasuredOrders, name: str, element: str) -> dict[str, Any]:
+    """The record of ``orders --json``, in SI units; phases are null without a mark."""
+    windows = [
+        {
+            "rpm": rpm,
+            "blocks": int(blocks),
+            "noise_rad": noise,
+            **{
+                quantity: _listed(found, found.values(quantity)[row])
+                for quantity in QUANTITIES
+            },
+        }
+        for row, (rpm, blocks, noise) in enumerate(
+            zip(found.rpm, found.blocks, found.noise, strict=True)
+        )
+    ]
+    return {
+        "recorded": name,
+        "element": element or None,
+        "phased": found.phased,
+        "notes": found.notes,
+        "windows": windows,
+    }
+
+
+def _listed(found: MeasuredOrders, values: np.ndarray) -> list[list[Any]]:
+    """Rows of order, amplitude and phase in deg."""
+    phases = np.rad2deg(np.angle(values)) if found.phased else [None] * len(values)
+    return [
+        [order, abs(value), phase]
+        for order, value, phase in zip(found.orders, values, phases, strict=True)
+    ]
