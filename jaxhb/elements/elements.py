@@ -16,6 +16,7 @@ from jaxhb.elements.declared import (
     OVER_AMPLITUDE,
     OVER_HZ,
     OVER_RPM,
+    OVER_TEMPERATURE,
     SN_CURVE,
     STIFFNESS_OVER_RPM,
     TWISTS,
@@ -46,7 +47,8 @@ class Disk:
     ``damping_over_rpm`` = rows of (rpm of the reference rotor, N m s/rad), in the place
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
-    (:mod:`jaxhb.train.varying`).
+    (:mod:`jaxhb.train.varying`). ``part`` names the catalogue part, and its file, from
+    which the reader of a scene took keys (:mod:`jaxhb.scene.parts`).
     """
 
     name: str = declared("name")
@@ -59,6 +61,7 @@ class Disk:
     teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
     damping_over_rpm: tuple = rows(DAMPING_OVER_RPM)
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +94,16 @@ class Spring(Link):
     play, of the first disk against the second. Every change of stiffness is spread over
     4 % of twice its twist, or of the clearance. ``friction``, a torque, acts against
     the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
+
+    Catalogues of rubber couplings give the ``relative_damping`` psi, the work lost in a
+    cycle over the elastic energy at its amplitude: a loss factor psi / (2 pi), or with
+    ``damping_hz`` the viscous damping that loses as much there.
+    ``over_temperature`` = rows of (deg C, factor of stiffness and of its stages, factor
+    of damping and loss factor) are taken at ``temperature``, by default that of the
+    scene, when the train is built. A damping that is a share of the stiffness has both
+    factors. ``stiffness_over_hz`` and ``damping_over_hz`` = rows of (Hz, value) give
+    what ``over_hz`` gives as factors; the number is then the largest of its rows.
+    ``part`` as of a :class:`Disk`.
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -98,6 +111,12 @@ class Spring(Link):
     stops: tuple = rows(TWISTS)
     friction: float | None = positive("N m", None)
     slip_speed: float | None = positive("rad/s", None)
+    relative_damping: float | None = positive("", None)
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    over_temperature: tuple = rows(OVER_TEMPERATURE)
+    stiffness_over_hz: tuple = rows(("hz", "stiffness"))
+    damping_over_hz: tuple = rows(("hz", "damping"))
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,7 +313,8 @@ class Phase:
 @dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: settings of the whole train; ``notes`` are texts that every check
-    and report repeats.
+    and report repeats; ``temperature`` is that of elements with ``over_temperature``
+    that have none of their own.
     """
 
     name: str | None = declared("name", None)
@@ -303,6 +323,7 @@ class Head:
     revolutions_per_cycle: float = positive("", 2.0)
     reference: str | None = declared("disk", None)
     rated_rpm: float | None = positive("rpm", None)
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
 
 
 TABLES: dict[str, Any] = {

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of
+from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of, unit_of
+from jaxhb.elements.derived import OVER_HZ, SHARES
 from jaxhb.elements.elements import (
     LOAD_LAWS,
     OF_PERIOD,
@@ -114,7 +115,58 @@ def shaft_errors(shaft: Shaft) -> list[str]:
         + _section_errors(shaft)
         + _curve_errors(shaft)
         + _spring_errors(shaft)
+        + _temperature_errors(shaft)
+        + _over_hz_errors(shaft)
     )
+
+
+def _temperature_errors(link: Shaft | Damper) -> list[str]:
+    """Check that a link with numbers over the temperature has one, and the other way
+    round.
+    """
+    if not is_present(link.over_temperature):
+        if link.temperature is None:
+            return []
+        return [
+            "temperature is given without over_temperature, and changes nothing. Give"
+            " the rows, or leave it out."
+        ]
+    texts = []
+    if link.temperature is None:
+        texts.append(
+            "over_temperature is given without temperature. Give it in deg C, here or"
+            " in [scene]."
+        )
+    for name in ("stiffness_over_rpm", "damping_over_rpm"):
+        texts += _twice_errors(link, name, "over_temperature")
+    return texts
+
+
+def _over_hz_errors(link: Shaft | Damper) -> list[str]:
+    """Check that a link with numbers over the frequency has each of them once, and one
+    that is greater than 0.
+    """
+    others = {
+        "stiffness_over_hz": ("over_hz", "stiffness", "length", "stiffness_over_rpm"),
+        "damping_over_hz": (
+            "over_hz",
+            "damping",
+            "loss_factor",
+            *("relative_damping", "damping_over_rpm"),
+        ),
+    }
+    texts = []
+    for name, keys in others.items():
+        rows = getattr(link, name)
+        texts += _twice_errors(link, name, *keys, "magnifier", "damping_ratio")
+        if link.damping_hz is not None and link.relative_damping is not None:
+            texts += _twice_errors(link, name, "damping_hz")
+        columns = ("hz", name.removesuffix("_over_hz"))
+        if not is_present(rows) or row_errors(name, columns, rows):
+            continue
+        if max(value for _, value in rows) <= 0.0:
+            texts.append(f"{name} is 0 in all rows. Give one that is greater than 0.")
+    return texts
 
 
 def _spring_errors(link: Shaft | Damper) -> list[str]:
@@ -171,7 +223,7 @@ def _spring_errors(link: Shaft | Damper) -> list[str]:
     ]
     varying_keys = [
         key
-        for key in ("over_hz", "over_amplitude", "order")
+        for key in ("over_hz", *OVER_HZ, "over_amplitude", "order")
         if is_present(getattr(link, key, None))
     ]
     if springs and varying_keys:
@@ -295,10 +347,12 @@ def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
     over_rpm = _over_rpm_errors(damper)
     over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    over_rpm += _temperature_errors(damper) + _over_hz_errors(damper)
     tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
+    tables += (damper.stiffness_over_hz, damper.damping_over_hz)
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
         return _damping_errors(damper) + over_rpm + _spring_errors(damper)
-    damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
+    damping_keys = _present_keys(damper, *SHARES)
     if damping_keys:
         needs = (
             "needs a stiffness greater than 0 N m/rad, of which the damping is a share"
@@ -321,11 +375,9 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
     texts = []
     for key in keys:
         value = getattr(link, key, None)
-        if value is not None and not (number_like(value) and value == 0):
+        if is_present(value) and not (number_like(value) and value == 0):
             unit = next(
-                field.metadata["range"].unit
-                for field in fields_of(link)
-                if field.name == key
+                unit_of(field) for field in fields_of(link) if field.name == key
             )
             texts.append(
                 f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key
@@ -336,6 +388,8 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
 def _stiffness_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has a stiffness, or dimensions that give one."""
     sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
+    if is_present(shaft.stiffness_over_hz):
+        return []  # its own check tells what stands beside it
     if is_present(shaft.stiffness_over_rpm):
         others = ("stiffness", "length", "outer", "inner", "shear_modulus")
         return _twice_errors(shaft, "stiffness_over_rpm", *others)
@@ -377,12 +431,15 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
     """Check that a link has one damping, a share of the critical one with its
     frequency.
     """
-    damping_keys = _present_keys(link, "damping", "magnifier", "damping_ratio")
-    shares = _present_keys(link, "magnifier", "damping_ratio")
+    damping_keys = _present_keys(link, "damping", *SHARES)
+    shares = _present_keys(link, *SHARES)
     frequency = _present_keys(link, "damping_hz")
+    # Without a frequency it is a loss factor.
+    is_loss_factor = len(shares) == 1 and _present_keys(link, "relative_damping")
     tables = ["damping_over_rpm"]
     if shares:
         damping_keys += _present_keys(link, "loss_factor")
+    if shares and not (is_loss_factor and not frequency):
         # They are shares of a constant stiffness.
         tables.append("stiffness_over_rpm")
     damping_keys += [name for name in tables if is_present(getattr(link, name))]
@@ -391,15 +448,16 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
             f"{damping_keys[0]} is given together with {joined(damping_keys[1:])}."
             " Keep one of them."
         ]
-    if shares and not frequency:
+    if shares and not frequency and not is_loss_factor:
         return [
             f"{shares[0]} is given without damping_hz. Give the frequency in Hz at"
             " which it holds."
         ]
     if frequency and not shares:
+        ways = " or ".join(key for key in SHARES if hasattr(link, key))
         return [
-            f"{frequency[0]} is given without magnifier or damping_ratio. Give one of"
-            " them, or leave it out."
+            f"{frequency[0]} is given without {ways}. Give one of them, or leave it"
+            " out."
         ]
     return []
 

@@ -23,6 +23,7 @@ from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
+from jaxhb.scene.parts import with_parts
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -40,6 +41,7 @@ BESIDE = (
     "sequence",
     "tune",
     "tolerance",
+    "parts",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
@@ -96,6 +98,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         reference=head.get("reference"),
         cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
+        temperature=head.get("temperature"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
         scenarios=content.get("scenario"),
@@ -197,6 +200,7 @@ def _read_elements(
     """Make the elements, and name the tables that are not read, or not whole; sentences
     are added to ``errors``.
     """
+    content = with_parts(content, path, errors)
     elements: list[Any] = []
     tables: dict[str, tuple | Unread] = {}
     lost: set[str] = set()

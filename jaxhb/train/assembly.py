@@ -32,6 +32,7 @@ def build(
     reference: str | None = None,
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
+    temperature: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, Any]] | None = None,
@@ -57,6 +58,8 @@ def build(
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over
         it.
+    temperature : float, optional
+        In deg C, of the elements with ``over_temperature`` that have none.
     tune, tolerance, scenarios, sequences : dict, optional
         The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for
         :meth:`DriveTrain.scenario`; ``{name: {"events": names, "begin": s}}`` of events
@@ -79,6 +82,7 @@ def build(
         reference,
         revolutions_per_cycle,
         rated_rpm,
+        temperature=temperature,
         tune=tune,
         tolerance=tolerance,
         scenarios=scenarios,
@@ -94,6 +98,7 @@ def checked(
     cycle: Any,
     rated_rpm: Any,
     *,
+    temperature: Any = None,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
     scenarios: Any,
@@ -111,6 +116,7 @@ def checked(
     where disks or rings may be among them. Every check runs on the sound part of the
     scene, and all sentences are raised together.
     """
+    elements = [_at_temperature(element, temperature) for element in elements]
     parts = checks.Parts(elements, source, complete=complete)
     errors = [
         *findings,
@@ -121,7 +127,11 @@ def checked(
     too_large = checks.size_errors(parts)
     if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
-    numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
+    numbers = {
+        "revolutions_per_cycle": cycle,
+        "rated_rpm": rated_rpm,
+        "temperature": temperature,
+    }
     head_errors = []
     where = f"{source}, [scene]"
     for field in dataclasses.fields(Head):
@@ -181,12 +191,23 @@ def checked(
         "rated_rpm": None if rated_rpm is None else float(rated_rpm),
         "notes": notes,
     }
-    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
+    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])
+
+
+def _at_temperature(element: Any, temperature: Any) -> Any:
+    """An element with numbers over the temperature at that of the scene, unless it has
+    its own.
+    """
+    if temperature is None or not isinstance(element, Shaft | Damper):
+        return element
+    if not element.over_temperature or element.temperature is not None:
+        return element
+    return dataclasses.replace(element, temperature=temperature)
 
 
 def _expand_meshes(parts: checks.Parts) -> None:
