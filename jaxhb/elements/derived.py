@@ -21,6 +21,7 @@ DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
 SHARES = ("magnifier", "damping_ratio", "relative_damping")
 DAMPING = (*SHARES, "damping_hz")
 HEAT = ("temperature", "over_temperature")
+COOLING = ("surface", "heat_transfer", "ambient")
 OVER_HZ = ("stiffness_over_hz", "damping_over_hz")
 OPTIONAL = (
     "length",
@@ -28,6 +29,7 @@ OPTIONAL = (
     "shear_modulus",
     *DAMPING,
     *HEAT,
+    *COOLING,
     *OVER_HZ,
     "diameter",
     "stress_concentration",
@@ -77,7 +79,8 @@ def viscous_damping(
     The ``magnifier`` M is the amplification at the resonance of one mass on the link;
     Lehr's ``damping_ratio`` is ``D = 1 / (2 M)``, and the ``relative_damping``, the
     work lost in a cycle over the elastic energy at its amplitude, ``psi = 2 pi / M``:
-    :class:`ValueError` if not exactly one of them is given. Arguments broadcast. Differentiable; numpy on the host.
+    :class:`ValueError` if not exactly one of them is given. Arguments broadcast.
+    Differentiable; numpy on the host.
 
     >>> (
     ...     round(viscous_damping(1e6, 50.0, magnifier=25.0), 3),

@@ -101,9 +101,11 @@ class Spring(Link):
     ``over_temperature`` = rows of (deg C, factor of stiffness and of its stages, factor
     of damping and loss factor) are taken at ``temperature``, by default that of the
     scene, when the train is built. A damping that is a share of the stiffness has both
-    factors. ``stiffness_over_hz`` and ``damping_over_hz`` = rows of (Hz, value) give
-    what ``over_hz`` gives as factors; the number is then the largest of its rows.
-    ``part`` as of a :class:`Disk`.
+    factors. With ``surface``, ``heat_transfer`` and ``ambient``, its temperature in
+    :func:`jaxhb.heat_balance` is that at which it gives off its heat, and ``ambient``
+    stands for a temperature that is not given. ``stiffness_over_hz`` and
+    ``damping_over_hz`` = rows of (Hz, value) give what ``over_hz`` gives as factors;
+    the number is then the largest of its rows. ``part`` as of a :class:`Disk`.
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -114,6 +116,9 @@ class Spring(Link):
     relative_damping: float | None = positive("", None)
     temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
     over_temperature: tuple = rows(OVER_TEMPERATURE)
+    surface: float | None = positive("m2", None)
+    heat_transfer: float | None = positive("W/(m2 K)", None)
+    ambient: float | None = quantity("deg C", None, least=-100.0, most=500.0)
     stiffness_over_hz: tuple = rows(("hz", "stiffness"))
     damping_over_hz: tuple = rows(("hz", "damping"))
     part: str | None = declared("text", None)

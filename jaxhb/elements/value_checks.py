@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of, unit_of
-from jaxhb.elements.derived import OVER_HZ, SHARES
+from jaxhb.elements.derived import COOLING, OVER_HZ, SHARES
 from jaxhb.elements.elements import (
     LOAD_LAWS,
     OF_PERIOD,
@@ -124,6 +124,15 @@ def _temperature_errors(link: Shaft | Damper) -> list[str]:
     """Check that a link with numbers over the temperature has one, and the other way
     round.
     """
+    cooling = [key for key in COOLING if getattr(link, key) is not None]
+    lacking = [key for key in COOLING if getattr(link, key) is None]
+    if cooling and not is_present(link.over_temperature):
+        lacking.append("over_temperature")
+    if cooling and lacking:
+        return [
+            f"{joined(cooling)} {'ask' if len(cooling) > 1 else 'asks'} for a balance"
+            f" of heat, without {joined(lacking)}. Give all of these, or none."
+        ]
     if not is_present(link.over_temperature):
         if link.temperature is None:
             return []
@@ -132,7 +141,7 @@ def _temperature_errors(link: Shaft | Damper) -> list[str]:
             " the rows, or leave it out."
         ]
     texts = []
-    if link.temperature is None:
+    if link.temperature is None and not cooling:
         texts.append(
             "over_temperature is given without temperature. Give it in deg C, here or"
             " in [scene]."
@@ -223,7 +232,7 @@ def _spring_errors(link: Shaft | Damper) -> list[str]:
     ]
     varying_keys = [
         key
-        for key in ("over_hz", *OVER_HZ, "over_amplitude", "order")
+        for key in ("over_hz", *OVER_HZ, "over_amplitude", "order", "surface")
         if is_present(getattr(link, key, None))
     ]
     if springs and varying_keys:

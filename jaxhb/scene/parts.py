@@ -188,9 +188,8 @@ def _parts_of(name: str, file: Path, errors: list[str]) -> Catalogue:
                 f"{file.name}: unknown table {shown(table)}.{suggestion(table, KINDS)}"
             )
             continue
-        if not (
-            isinstance(rows, dict)
-            and all(isinstance(row, dict) for row in rows.values())
+        if not isinstance(rows, dict) or not all(
+            isinstance(row, dict) for row in rows.values()
         ):
             errors.append(
                 f"{file.name}: {table!r} must hold a table for each part. Write"

@@ -57,9 +57,10 @@ def scene_text(
 
     ``name`` is that of :func:`jaxhb.load_scene`, ``called`` another name for the scene;
     ``expand`` writes the ``[[cylinder]]`` entries that an ``[engine]`` makes in its
-    place, and the keys of catalogue parts in the place of their names. The text is TOML with the comments and the order of a ``.toml``, and loads to
-    the same train; with it comes ``{file name: Path}`` of the CSV files and the files
-    of parts that the scene names. :class:`SceneError` names all faults of the scene.
+    place, and the keys of catalogue parts in the place of their names. The text is TOML
+    with the comments and the order of a ``.toml``, and loads to the same train; with it
+    comes ``{file name: Path}`` of the CSV files and the files of parts that the scene
+    names. :class:`SceneError` names all faults of the scene.
 
     >>> text, beside = scene_text("spur_pair")
     >>> text.splitlines()[4:6], sorted(beside)

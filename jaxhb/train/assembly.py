@@ -200,12 +200,14 @@ def checked(
 
 
 def _at_temperature(element: Any, temperature: Any) -> Any:
-    """An element with numbers over the temperature at that of the scene, unless it has
-    its own.
+    """An element with numbers over the temperature at its own, or that of the air
+    around it, or that of the scene.
     """
-    if temperature is None or not isinstance(element, Shaft | Damper):
+    if not isinstance(element, Shaft | Damper) or element.temperature is not None:
         return element
-    if not element.over_temperature or element.temperature is not None:
+    if element.ambient is not None:
+        temperature = element.ambient
+    if temperature is None or not element.over_temperature:
         return element
     return dataclasses.replace(element, temperature=temperature)
 
