@@ -31,6 +31,7 @@ OPTIONAL = (
     *HEAT,
     *COOLING,
     *OVER_HZ,
+    "stiffness_over_torque",
     "diameter",
     "stress_concentration",
     "tensile_strength",
@@ -118,7 +119,7 @@ def completed(link: Shaft | Damper | Mesh) -> Shaft | Damper | Mesh:
     its other keys, at its temperature.
     """
     if not isinstance(link, Mesh):
-        link = _with_factors_over_hz(link)
+        link = _with_stages(_with_factors_over_hz(link))
     values: dict[str, Any] = {}
     stiffness: Number | None = link.stiffness
     stiffer: Number = 1.0
@@ -181,6 +182,24 @@ def _with_factors_over_hz(link: Shaft | Damper) -> Shaft | Damper:
     return dataclasses.replace(link, **values)
 
 
+def _with_stages(link: Shaft | Damper) -> Shaft | Damper:
+    """A sound link with stages in the place of its stiffness over the mean torque: the
+    torque at which one ends lies half way between two rows.
+    """
+    if not link.stiffness_over_torque:
+        return link
+    rows = np.array(link.stiffness_over_torque, dtype=np.float64)
+    (torques, stiffnesses) = rows.T
+    ends = (torques[1:] + torques[:-1]) / 2.0
+    twists = np.cumsum(np.diff(ends, prepend=0.0) / stiffnesses[:-1])
+    stages = np.stack([np.degrees(twists), stiffnesses[1:]], axis=1)
+    return dataclasses.replace(
+        link,
+        stiffness=float(stiffnesses[0]),
+        stages=tuple(map(tuple, stages.tolist())),
+    )
+
+
 def link_keys(links: Sequence[Shaft | Damper | Mesh]) -> tuple[tuple[str, ...], ...]:
     """Keys out of :data:`OPTIONAL` that each link has; empty where no link has any."""
     keys = tuple(
@@ -228,7 +247,7 @@ def followers(
         for i in sorted(set().union(*touched.values())):
             keys = topology.link_keys[link_number(topology, table, i)]
             damped = heat.get(i, UNCHANGED)[1]
-            share = 1.0
+            share: Number = 1.0
             if any(key in keys for key in SHARES):
                 share = _share(new_links, i, keys) / _share(old_links, i, keys)
             if "damping_hz" in keys:

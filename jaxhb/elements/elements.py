@@ -105,7 +105,10 @@ class Spring(Link):
     :func:`jaxhb.heat_balance` is that at which it gives off its heat, and ``ambient``
     stands for a temperature that is not given. ``stiffness_over_hz`` and
     ``damping_over_hz`` = rows of (Hz, value) give what ``over_hz`` gives as factors;
-    the number is then the largest of its rows. ``part`` as of a :class:`Disk`.
+    the number is then the largest of its rows. ``stiffness_over_torque`` = rows of
+    (mean torque in N m, dynamic stiffness in N m/rad) of progressive couplings stand
+    for the stiffness and the stages that have the stiffness of each row at its torque.
+    ``part`` as of a :class:`Disk`.
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -119,6 +122,7 @@ class Spring(Link):
     surface: float | None = positive("m2", None)
     heat_transfer: float | None = positive("W/(m2 K)", None)
     ambient: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    stiffness_over_torque: tuple = rows(("mean torque", "stiffness"))
     stiffness_over_hz: tuple = rows(("hz", "stiffness"))
     damping_over_hz: tuple = rows(("hz", "damping"))
     part: str | None = declared("text", None)

@@ -151,6 +151,24 @@ def _temperature_errors(link: Shaft | Damper) -> list[str]:
     return texts
 
 
+def _over_torque_errors(link: Shaft | Damper) -> list[str]:
+    """Check the stiffness of a link over the mean torque, and that it has no other."""
+    name = "stiffness_over_torque"
+    rows = link.stiffness_over_torque
+    others = ("stiffness", "length", "stiffness_over_rpm", "stiffness_over_hz")
+    springs = ("stages", "clearance", "over_hz", "over_amplitude", "order", "surface")
+    texts = _twice_errors(link, name, *others)
+    texts += _twice_errors(link, name, *(key for key in springs if hasattr(link, key)))
+    if not is_present(rows) or row_errors(name, ("mean torque", "stiffness"), rows):
+        return texts
+    return texts + [
+        f"{name}, row {i}: it has {torque:g} N m and {stiffness:g} N m/rad, must have"
+        " at least 0 N m and more than 0 N m/rad. Correct the row."
+        for i, (torque, stiffness) in enumerate(rows, 1)
+        if torque < 0.0 or stiffness <= 0.0
+    ]
+
+
 def _over_hz_errors(link: Shaft | Damper) -> list[str]:
     """Check that a link with numbers over the frequency has each of them once, and one
     that is greater than 0.
@@ -164,7 +182,7 @@ def _over_hz_errors(link: Shaft | Damper) -> list[str]:
             *("relative_damping", "damping_over_rpm"),
         ),
     }
-    texts = []
+    texts = _over_torque_errors(link)
     for name, keys in others.items():
         rows = getattr(link, name)
         texts += _twice_errors(link, name, *keys, "magnifier", "damping_ratio")
@@ -357,8 +375,13 @@ def damper_errors(damper: Damper) -> list[str]:
     over_rpm = _over_rpm_errors(damper)
     over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
     over_rpm += _temperature_errors(damper) + _over_hz_errors(damper)
-    tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
-    tables += (damper.stiffness_over_hz, damper.damping_over_hz)
+    tables = (
+        damper.stiffness_over_rpm,
+        damper.damping_over_rpm,
+        damper.stiffness_over_hz,
+        damper.damping_over_hz,
+        damper.stiffness_over_torque,
+    )
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
         return _damping_errors(damper) + over_rpm + _spring_errors(damper)
     damping_keys = _present_keys(damper, *SHARES)
@@ -397,7 +420,7 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
 def _stiffness_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has a stiffness, or dimensions that give one."""
     sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
-    if is_present(shaft.stiffness_over_hz):
+    if is_present(shaft.stiffness_over_hz) or is_present(shaft.stiffness_over_torque):
         return []  # its own check tells what stands beside it
     if is_present(shaft.stiffness_over_rpm):
         others = ("stiffness", "length", "outer", "inner", "shear_modulus")

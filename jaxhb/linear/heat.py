@@ -7,6 +7,7 @@ damping that its ``over_temperature`` gives at T: a silicone oil thins as it gro
 """
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -29,7 +30,9 @@ LONGEST = 3.0
 """Step over the difference of temperatures, at least and at most."""
 
 
-def at_temperatures(train: DriveTrain, temperatures: Array) -> DriveTrain:
+def at_temperatures(
+    train: DriveTrain, temperatures: Sequence[Array] | np.ndarray
+) -> DriveTrain:
     """The train with the links that give off their heat at temperatures ``(W,)`` deg
     C.
     """

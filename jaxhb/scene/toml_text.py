@@ -206,7 +206,7 @@ def _places(
     keys: Collection[str],
     texts: Collection[str],
     path: tuple[str | int, ...] = (),
-    holder: str = "",
+    holder: str | int = "",
 ) -> Iterator[tuple[str | int, ...]]:
     """Paths, inside a table or a list, of values of some keys, or in lists that are
     values of these, that are one of some texts; ``holder`` is the key of a list.

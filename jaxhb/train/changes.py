@@ -514,8 +514,11 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
         return f"the damping comes from {share} and damping_hz. Change these."
     if (field, share) == ("loss_factor", "relative_damping"):
         return "the loss factor comes from relative_damping. Change that."
-    if topology.has_key(link, f"{field}_over_hz"):
-        return f"the {field} comes from {field}_over_hz. Change the rows in the scene."
+    for over in ("over_hz", "over_torque"):
+        if topology.has_key(link, f"{field}_{over}"):
+            return (
+                f"the {field} comes from {field}_{over}. Change the rows in the scene."
+            )
     is_built_in = (
         link in getattr(topology, _VARYING[field])
         if field in _VARYING

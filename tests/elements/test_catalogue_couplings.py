@@ -123,6 +123,33 @@ def test_the_derivative_to_a_temperature_is_that_of_differences():
     np.testing.assert_allclose(slope, (8 * near - far) / (12 * step), rtol=GRADIENT)
 
 
+def test_a_progressive_coupling_has_the_stiffness_of_each_row_at_its_mean_torque():
+    rows = ((0.0, 8e3), (200.0, 1.2e4), (400.0, 2.1e4), (800.0, 4.5e4))
+    for torque, stiffness in rows[1:]:
+        elements = [
+            Disk(name="a", inertia=MASSES[0]),
+            Disk(name="b", inertia=MASSES[1]),
+            Shaft(between=("a", "b"), stiffness_over_torque=rows),
+            Torque(disk="a", mean=torque),
+            jaxhb.Load(disk="b"),
+        ]
+        train = jaxhb.build(elements)
+        at_load = jaxhb.at_mean_load(train, rpm=1000.0).train
+        hz = float(jaxhb.frequencies_hz(at_load)[-1])
+        mass = np.prod(MASSES) / sum(MASSES)
+        expected = np.sqrt(stiffness / mass) / (2 * np.pi)
+        # Changes of stiffness are spread, and have a rest of themselves elsewhere.
+        assert hz == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_stages_of_a_progressive_coupling_end_half_way_between_rows():
+    train = pair(stiffness_over_torque=((0.0, 1e4), (100.0, 2e4), (300.0, 5e4)))
+    first = 50.0 / 1e4
+    second = first + 150.0 / 2e4
+    expected = [(np.degrees(first), 2e4), (np.degrees(second), 5e4)]
+    np.testing.assert_allclose(train.value("a|b.stages"), expected, rtol=ALGEBRAIC)
+
+
 def test_a_fluid_has_its_stiffness_and_damping_at_each_frequency():
     rows = {
         "stiffness_over_hz": ((0.0, 2e3), (20.0, 5e4), (80.0, 9e4)),
@@ -221,6 +248,14 @@ FAULTS = {
     "negative": (
         {"stiffness_over_hz": ((1, -1e4),)},
         "stiffness_over_hz, row 1: stiffness is -10000, must be at least 0.",
+    ),
+    "progressive twice": (
+        {"stiffness_over_torque": ((0, 1e4),), "stiffness": 2e4},
+        "stiffness_over_torque is given together with stiffness = 20000 N m/rad.",
+    ),
+    "no stiffness over the torque": (
+        {"stiffness_over_torque": ((0, 1e4), (10, 0.0))},
+        "stiffness_over_torque, row 2: it has 10 N m and 0 N m/rad, must have at least",
     ),
     "stages": (
         {"stiffness_over_hz": ((1, 1e4),), "stages": ((1.0, 2e4),)},

@@ -112,7 +112,7 @@ class ElementReading:
         )
 
     @property
-    def temperature(self) -> np.ndarray | None:
+    def temperature(self) -> Array | None:
         """Temperature ``(n,)`` in deg C at which the element gives off its heat; None
         of those without a balance of heat.
         """
@@ -317,7 +317,7 @@ def _heat_table(readings: Sequence[ElementReading]) -> list[Table]:
                 *_dampings(reading)[:, hottest],
             ]
         )
-    columns = [
+    columns: list[Column | str] = [
         "shaft",
         Column("deg C", "deg C"),
         "at rpm",
