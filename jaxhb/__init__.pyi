@@ -85,6 +85,7 @@ from .linear.forced import (
     forced_response as forced_response,
     frequency_response as frequency_response,
 )
+from .linear.heat import heat_balance as heat_balance
 from .linear.holzer import (
     HolzerTable as HolzerTable,
     holzer_residual as holzer_residual,

@@ -154,6 +154,7 @@ CALLS = {
     "gradient_and_error": None,
     "block_sweep": lambda x: jaxhb.block_sweep(balanced(x), ONES, ONES).sum(),
     "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
+    "heat_balance": lambda x: jaxhb.heat_balance(shaft(x), rpm=40.0).status,
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
     "measured_orders": (
@@ -345,6 +346,7 @@ def test_what_is_no_speed_is_refused_in_a_sentence_by_every_verb(rpm, sentence):
         jaxhb.steady_state,
         jaxhb.solve_all,
         jaxhb.forced_response,
+        jaxhb.heat_balance,
         jaxhb.campbell,
         jaxhb.integrate,
         jaxhb.at_mean_load,

@@ -18,6 +18,7 @@ from jaxhb.linear.critical import (
     modes_of,
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.heat import heat_balance
 from jaxhb.linear.holzer import HolzerTable, holzer_table
 from jaxhb.linear.margins import separations
 from jaxhb.linear.modal import natural_frequencies
@@ -239,7 +240,7 @@ def _at_critical_speeds(
     if len(trains) == 1 or not speeds:
         return {}
     return {
-        cylinder: forced_response(_constant(train, None, links_at), rpm=speeds)
+        cylinder: heat_balance(_constant(train, None, links_at), rpm=speeds)
         for cylinder, train in trains.items()
     }
 
@@ -258,7 +259,7 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
             " Leave one of them out."
         )
     cases = {
-        cylinder: forced_response(one_train, rpm=rpm)
+        cylinder: heat_balance(one_train, rpm=rpm)
         for cylinder, one_train in trains.items()
     }
     titles = dict.fromkeys(cases, "")

@@ -318,7 +318,9 @@ class Parts:
             return self._engine_of[i]
         name = getattr(self.tables[table][i], "name", None)
         title = f" {shown(name)}" if isinstance(name, str) else ""
-        return f"{self.source}, [[{table}]] no. {i + 1}{title}"
+        part = getattr(self.tables[table][i], "part", None)
+        origin = f" (part {part})" if isinstance(part, str) else ""
+        return f"{self.source}, [[{table}]] no. {i + 1}{title}{origin}"
 
     def usable(self, table: str, i: int, *fields: str) -> bool:
         """Tell whether fields of an element can be computed with."""

@@ -110,6 +110,7 @@ SMALLEST = 1e-60  # of a number that is not 0: so do quotients
 SCALE = ("rpm", "factor")
 OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
 OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
+OVER_TEMPERATURE = ("temperature", "factor of stiffness", "factor of damping")
 HARMONICS = ("order", "Re", "Im")
 LINES = ("Hz", "Re", "Im")
 BLADE_ORDERS = ("multiple", "share", "phase")

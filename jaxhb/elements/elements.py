@@ -17,6 +17,7 @@ from jaxhb.elements.declared import (
     OVER_AMPLITUDE,
     OVER_HZ,
     OVER_RPM,
+    OVER_TEMPERATURE,
     SN_CURVE,
     STIFFNESS_OVER_RPM,
     TWISTS,
@@ -47,10 +48,12 @@ class Disk:
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
     (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
-    in the place of ``inertia``, which is a quarter of it. Limits, which
-    :func:`jaxhb.strength` alone reads: ``angle_limit`` of half of the peak-to-peak
-    vibratory angle, ``speed_irregularity_limit`` of (largest - smallest) / mean speed,
-    and ``acceleration_limit`` of half of the peak-to-peak angular acceleration.
+    in the place of ``inertia``, which is a quarter of it. ``part`` names the catalogue
+    part, and its file, from which the reader of a scene took keys
+    (:mod:`jaxhb.scene.parts`). Limits, which :func:`jaxhb.strength` alone reads:
+    ``angle_limit`` of half of the peak-to-peak vibratory angle,
+    ``speed_irregularity_limit`` of (largest - smallest) / mean speed, and
+    ``acceleration_limit`` of half of the peak-to-peak angular acceleration.
     """
 
     name: str = declared("name")
@@ -71,6 +74,7 @@ class Disk:
         "", None, above=0.0, most=2.0, remedy="Give a share: 1/250 is 0.004."
     )
     acceleration_limit: float | None = positive("rad/s2", None)
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +107,21 @@ class Spring(Link):
     play, of the first disk against the second. Every change of stiffness is spread over
     4 % of twice its twist, or of the clearance. ``friction``, a torque, acts against
     the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
+
+    Catalogues of rubber couplings give the ``relative_damping`` psi, the work lost in a
+    cycle over the elastic energy at its amplitude: a loss factor psi / (2 pi), or with
+    ``damping_hz`` the viscous damping that loses as much there.
+    ``over_temperature`` = rows of (deg C, factor of stiffness and of its stages, factor
+    of damping and loss factor) are taken at ``temperature``, by default that of the
+    scene, when the train is built. A damping that is a share of the stiffness has both
+    factors. With ``surface``, ``heat_transfer`` and ``ambient``, its temperature in
+    :func:`jaxhb.heat_balance` is that at which it gives off its heat, and ``ambient``
+    stands for a temperature that is not given. ``stiffness_over_hz`` and
+    ``damping_over_hz`` = rows of (Hz, value) give what ``over_hz`` gives as factors;
+    the number is then the largest of its rows. ``stiffness_over_torque`` = rows of
+    (mean torque in N m, dynamic stiffness in N m/rad) of progressive couplings stand
+    for the stiffness and the stages that have the stiffness of each row at its torque.
+    ``part`` as of a :class:`Disk`.
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -110,6 +129,16 @@ class Spring(Link):
     stops: tuple = rows(TWISTS)
     friction: float | None = positive("N m", None)
     slip_speed: float | None = positive("rad/s", None)
+    relative_damping: float | None = positive("", None)
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    over_temperature: tuple = rows(OVER_TEMPERATURE)
+    surface: float | None = positive("m2", None)
+    heat_transfer: float | None = positive("W/(m2 K)", None)
+    ambient: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    stiffness_over_torque: tuple = rows(("mean torque", "stiffness"))
+    stiffness_over_hz: tuple = rows(("hz", "stiffness"))
+    damping_over_hz: tuple = rows(("hz", "damping"))
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -338,7 +367,8 @@ TACHOMETER = 0.01
 @dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: settings of the whole train; ``notes`` are texts that every check
-    and report repeats.
+    and report repeats; ``temperature`` is that of elements with ``over_temperature``
+    that have none of their own.
 
     ``rules`` chooses rules by name and files with rules of the user; the first one of
     shafts judges those that name none. ``tachometer_tolerance``, a share of the rated
@@ -355,6 +385,7 @@ class Head:
     rules: tuple = declared("list", ())
     tachometer_tolerance: float = quantity("", TACHOMETER, least=0.0, most=0.1)
     operating_rpm: tuple = declared("list", ())
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
 
 
 TABLES: dict[str, Any] = {

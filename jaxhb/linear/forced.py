@@ -226,12 +226,15 @@ class ForcedResponse(Response):
     disk_power : ``(..., S)``, turned into heat by damping to ground
     link_power : ``(..., L)``, turned into heat by shafts, dampers and meshes
     input_power : ``(...)``, brought in by the alternating torques: the sum of all heat
+    temperatures : ``(..., W)`` deg C of the links with ``surface``, made by
+        :func:`jaxhb.heat_balance`, else None
     """
 
     # Always given: a default, as it comes after defaults.
     disk_power: Array = None  # type: ignore[assignment]
     link_power: Array = None  # type: ignore[assignment]
     input_power: Array = None  # type: ignore[assignment]
+    temperatures: Array | None = None
 
     def power(self, a: str, b: str | None = None) -> Array:
         """Power ``(...)`` in W that a disk, a damper or a link turns into heat; a link
@@ -241,6 +244,16 @@ class ForcedResponse(Response):
         if b is None and a in topology.disk_names and a not in topology.damper_names:
             return self.disk_power[..., topology.disk_index(a)]
         return self.link_power[..., topology.link_index(a, b)[0]]
+
+    def temperature(self, a: str, b: str | None = None) -> Array | None:
+        """Temperature ``(...)`` in deg C of a damper or shaft that gives off its heat,
+        as :func:`jaxhb.heat_balance` found it; None of others.
+        """
+        warm = self.topology.warm_links
+        link, _ = self.topology.link_index(a, b)
+        if self.temperatures is None or link not in warm:
+            return None
+        return self.temperatures[..., warm.index(link)]
 
 
 def forced_response(

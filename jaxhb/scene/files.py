@@ -31,6 +31,7 @@ from jaxhb.scene.input_files import (
     read_bytes,
     read_text,
 )
+from jaxhb.scene.parts import with_parts
 from jaxhb.scene.workbook.places import in_cells
 from jaxhb.scene.workbook.reading import workbook_content
 from jaxhb.train.assembly import checked
@@ -60,6 +61,7 @@ BESIDE = (
     "tune",
     "tolerance",
     "report",
+    "parts",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
 Tables = dict[tuple[str, tuple[str, ...]], tuple | Unread]
@@ -133,6 +135,7 @@ def _load(path: Path) -> DriveTrain:
         reference=head.get("reference"),
         cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
+        temperature=head.get("temperature"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
         report=_report_units(content.get("report", {}), path.name, errors),
@@ -300,6 +303,7 @@ def _read_elements(
     """Make the elements, and name the tables that are not read, or not whole; sentences
     are added to ``errors``.
     """
+    content = with_parts(content, path, errors)
     elements: list[Any] = []
     tables: Tables = {}
     lost: set[str] = set()

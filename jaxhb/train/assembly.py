@@ -42,6 +42,7 @@ def build(
     reference: str | None = None,
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
+    temperature: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, Any]] | None = None,
@@ -70,6 +71,8 @@ def build(
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over
         it.
+    temperature : float, optional
+        In deg C, of the elements with ``over_temperature`` that have none.
     tune, tolerance, scenarios, sequences : dict, optional
         The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for
         :meth:`DriveTrain.scenario`; ``{name: {"events": names, "begin": s}}`` of events
@@ -95,6 +98,7 @@ def build(
         reference,
         revolutions_per_cycle,
         rated_rpm,
+        temperature=temperature,
         tune=tune,
         tolerance=tolerance,
         scenarios=scenarios,
@@ -113,6 +117,7 @@ def checked(
     cycle: Any,
     rated_rpm: Any,
     *,
+    temperature: Any = None,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
     report: Mapping[str, str] | None = None,
@@ -134,6 +139,7 @@ def checked(
     where disks or rings may be among them. Every check runs on the sound part of the
     scene, and all sentences are raised together.
     """
+    elements = [_at_temperature(element, temperature) for element in elements]
     parts = checks.Parts(elements, source, complete=complete)
     errors = [
         *findings,
@@ -155,6 +161,7 @@ def checked(
         "revolutions_per_cycle": cycle,
         "rated_rpm": rated_rpm,
         "tachometer_tolerance": tachometer_tolerance,
+        "temperature": temperature,
     }
     head_errors = []
     where = f"{source}, [scene]"
@@ -220,10 +227,10 @@ def checked(
         "tachometer_tolerance": float(tachometer_tolerance),
         "operating_rpm": tuple(map(float, operating_rpm)),
     }
-    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
     for table in ("disk", *derived.LINKS):
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
+    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])
 
@@ -236,6 +243,19 @@ def _expand_blades(parts: checks.Parts) -> None:
             fields = [field.name for field in dataclasses.fields(element)]
             if parts.usable(table, i, *fields):
                 elements[i] = with_blades(element)
+
+
+def _at_temperature(element: Any, temperature: Any) -> Any:
+    """An element with numbers over the temperature at its own, or that of the air
+    around it, or that of the scene.
+    """
+    if not isinstance(element, Shaft | Damper) or element.temperature is not None:
+        return element
+    if element.ambient is not None:
+        temperature = element.ambient
+    if temperature is None or not element.over_temperature:
+        return element
+    return dataclasses.replace(element, temperature=temperature)
 
 
 def _expand_meshes(parts: checks.Parts) -> None:

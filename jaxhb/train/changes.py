@@ -567,9 +567,16 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
             "the stiffness comes from length, outer, inner and shear_modulus. Change"
             " these."
         )
+    share = next((key for key in derived.SHARES if topology.has_key(link, key)), "")
     if field == "damping" and topology.has_key(link, "damping_hz"):
-        source = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
-        return f"the damping comes from {source} and damping_hz. Change these."
+        return f"the damping comes from {share} and damping_hz. Change these."
+    if (field, share) == ("loss_factor", "relative_damping"):
+        return "the loss factor comes from relative_damping. Change that."
+    for over in ("over_hz", "over_torque"):
+        if topology.has_key(link, f"{field}_{over}"):
+            return (
+                f"the {field} comes from {field}_{over}. Change the rows in the scene."
+            )
     is_built_in = (
         link in getattr(topology, _VARYING[field])
         if field in _VARYING

@@ -332,6 +332,15 @@ class Topology:
         """Rule that judges a shaft."""
         return self.rules.rules[self.shaft_rules[shaft] or self.rules.default]
 
+    @property
+    def warm_links(self) -> tuple[int, ...]:
+        """Shafts and dampers whose temperature follows from the heat that they give
+        off.
+        """
+        return tuple(
+            link for link, keys in enumerate(self.link_keys) if "surface" in keys
+        )
+
     def has_key(self, link: int, key: str) -> bool:
         """Tell whether a link was built with a key that no solve reads."""
         return bool(self.link_keys) and key in self.link_keys[link]

@@ -14,7 +14,8 @@ from jaxhb.linear.critical import (
     modes_of,
     shares_in_mode,
 )
-from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import heat_balance
 from jaxhb.linear.margins import separations
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
@@ -138,7 +139,7 @@ def forced(report: Report) -> list[Block]:
         [*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])]
     )
     responses = {
-        case.title: forced_response(case.answers[0].train, rpm=speeds)
+        case.title: heat_balance(case.answers[0].train, rpm=speeds)
         for case in report.cases
     }
     normal, first = next(iter(responses.items()))

@@ -15,6 +15,7 @@ from jaxhb._jax import Array, Number
 from jaxhb.elements.sentences import SceneError, suggestion
 from jaxhb.linear.contributions import Contributions, cylinder_contributions
 from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import span_of
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
@@ -111,6 +112,15 @@ class ElementReading:
             if ring
             else np.asarray(self.response.power(self.name))
         )
+
+    @property
+    def temperature(self) -> Array | None:
+        """Temperature ``(n,)`` in deg C at which the element gives off its heat; None
+        of those without a balance of heat.
+        """
+        if self.kind != "shafts" or not isinstance(self.response, ForcedResponse):
+            return None
+        return self.response.temperature(self.name)
 
     def most(self) -> tuple[Number, Number]:
         """The largest half peak-to-peak over the speeds that have an answer, and its
@@ -245,6 +255,12 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
         *lines.values(),
     ]
     values = [np.where(converged, each, np.nan) for each in (*sizes, reading.power)]
+    warmth = []
+    if reading.temperature is not None:
+        warmth = [Column("deg C", "deg C"), Column("damping N m s/rad", "damping")]
+        warmth.append(Column("loss factor", "loss factor"))
+        warm = [reading.temperature, *_dampings(reading)]
+        values += [np.where(converged, each, np.nan) for each in warm]
     names = order_names(train_of(reading.response))
     orders = [f"order {names.number(order)}" for order in signal.orders[places]]
     orders += [f"{hz:g} Hz" for hz in lines]
@@ -261,6 +277,7 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
                 for head in ("half p-p", "sum", *orders)
             ),
             Column("heat {W}", "W", unit="W"),
+            *warmth,
         ],
         zip(speeds, *values, strict=True),
     )
@@ -338,6 +355,53 @@ def _polar(values: Array) -> dict[str, Array]:
     return {"amplitude": np.abs(values), "phase_deg": np.degrees(np.angle(values))}
 
 
+def _dampings(reading: ElementReading) -> np.ndarray:
+    """Damping in N m s/rad and loss factor ``(2, n)`` of a link that gives off its
+    heat, at its temperatures.
+    """
+    train = train_of(reading.response)
+    temperatures = reading.temperature
+    assert temperatures is not None
+    inside = np.clip(temperatures, *span_of(train, reading.name))
+    warm = [train.replace({f"{reading.name}.temperature": t}) for t in inside]
+    return np.array(
+        [
+            [float(each.value(f"{reading.name}.{field}")) for each in warm]
+            for field in ("damping", "loss_factor")
+        ]
+    )
+
+
+def _heat_table(readings: Sequence[ElementReading]) -> list[Table]:
+    """The largest temperature over the speeds of each link that gives off its heat, in
+    a list; ``readings`` at speeds that have an answer.
+    """
+    rows = []
+    for reading in readings:
+        if reading.temperature is None:
+            continue
+        hottest = int(np.argmax(reading.temperature))
+        rows.append(
+            [
+                reading.name,
+                reading.temperature[hottest],
+                f"{reading.response.rpm[hottest]:g}",
+                reading.power[hottest],
+                *_dampings(reading)[:, hottest],
+            ]
+        )
+    columns: list[Column | str] = [
+        "shaft",
+        Column("deg C", "deg C"),
+        "at rpm",
+        Column("heat W", "W"),
+        Column("damping N m s/rad", "damping"),
+        Column("loss factor", "loss factor"),
+    ]
+    caption = "Balance of heat: largest temperature over the speeds, and there"
+    return [Table(caption, columns, rows)] if rows else []
+
+
 def worst_tables(
     response: ForcedResponse, readings: Sequence[ElementReading]
 ) -> list[Table]:
@@ -383,6 +447,8 @@ def worst_tables(
         tables.append(_over_speeds(of_kind, "largest over the speeds", heads, rows))
         if response.lines is not None:
             tables.append(_line_table(of_kind, converged))
+    if converged.any():
+        tables += _heat_table([reading.at(converged) for reading in readings])
     return tables
 
 
@@ -475,6 +541,8 @@ def _record(
             "phases_deg": signal.phases_deg[:, listed],
             "power_W": reading.power,
         }
+        if reading.temperature is not None:
+            record["temperature_deg_C"] = reading.temperature
         if signal.lines is not None:
             record["line_amplitudes"] = list(signal.by_line().values())
         return record | (
@@ -547,6 +615,8 @@ def _columns(
         for hz, amplitudes in signal.by_line().items():
             columns[f"{name} {hz:g} Hz {unit}"] = amplitudes
         columns[f"{name} heat W"] = reading.power
+        if reading.temperature is not None:
+            columns[f"{name} temperature deg C"] = reading.temperature
     columns |= strength_columns
     cells: dict[str, Any] = {
         "rpm": response.rpm,

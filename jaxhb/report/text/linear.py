@@ -20,6 +20,7 @@ from jaxhb.linear.critical import (
     shares_in_mode,
 )
 from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import span_of, warm_names
 from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.margins import Separation
 from jaxhb.linear.modal import Modes
@@ -274,6 +275,24 @@ def separation_record(separations: Sequence[Separation]) -> dict[str, Any]:
     return {"separation_margins": rows}
 
 
+def _outside_rows(train: DriveTrain, response: ForcedResponse) -> list[str]:
+    """Sentences on links whose temperature lies outside the rows of their numbers."""
+    sentences = []
+    for name in warm_names(train.topology):
+        temperatures = response.temperature(name)
+        (lowest, highest) = span_of(train, name)
+        if temperatures is None:
+            continue
+        outside = (temperatures < lowest) | (temperatures > highest)
+        if np.any(outside):
+            sentences.append(
+                f"{name}: at {np.sum(outside)} of {outside.size} speeds its temperature"
+                f" lies outside over_temperature, {lowest:g} to {highest:g} deg C,"
+                " where its numbers are those of the nearest row."
+            )
+    return sentences
+
+
 def approximations(
     train: DriveTrain,
     rpm: Sequence[float] | Array | None = None,
@@ -294,7 +313,7 @@ def approximations(
     loads = []
     if springs:
         loads = [at_pressed_load(train, rpm=float(speed)) for speed in speeds]
-    sentences = []
+    sentences = [] if response is None else _outside_rows(train, response)
     for place, (link, kinds) in enumerate(springs.items()):
         name = topology.link_names[link]
         if "stages" in kinds or "stops" in kinds:
