@@ -165,22 +165,22 @@ class BarredRange:
     tolerance: float = 0.0
 
     @property
-    def bar_low(self) -> Number:
+    def bar_low(self) -> float:
         """Lowest speed in rpm that is to be barred: of the range above the limit with
         the tolerance, and of that of the rule.
         """
         low = self.low - self.tolerance
         if self.rule_low is None:
             return low
-        return namespace(low, self.rule_low).minimum(low, self.rule_low)
+        return _end(namespace(low, self.rule_low).minimum(low, self.rule_low))
 
     @property
-    def bar_high(self) -> Number:
+    def bar_high(self) -> float:
         """Highest speed in rpm that is to be barred."""
         high = self.high + self.tolerance
         if self.rule_high is None:
             return high
-        return namespace(high, self.rule_high).maximum(high, self.rule_high)
+        return _end(namespace(high, self.rule_high).maximum(high, self.rule_high))
 
     def widened(
         self, rule: Rule, rated_rpm: float, tachometer_tolerance: float
@@ -193,8 +193,8 @@ class BarredRange:
         low, high = rule.barred(self.at, rated_rpm)
         return replace(
             self,
-            rule_low=low,
-            rule_high=high,
+            rule_low=_end(low),
+            rule_high=_end(high),
             tolerance=tachometer_tolerance * rated_rpm,
         )
 
@@ -204,6 +204,11 @@ class BarredRange:
         passed through rapidly.
         """
         return self.transient_share <= 1.0
+
+
+def _end(speed: Any) -> Any:
+    """An end of a range: a float unless it is differentiated."""
+    return speed if traced(speed) else float(speed)
 
 
 def barred_ranges(
@@ -691,12 +696,14 @@ def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Arr
         if train.topology.has_key(shaft, key)
     }
     diameter, bore = section(train, name)
+    rated = train.topology.rated_rpm
+    assert rated is not None  # a shaft with limits has one
     return permissible_stress(
         diameter=diameter,
         bore=bore,
-        rated_rpm=train.topology.rated_rpm,
+        rated_rpm=rated,
         tensile_strength=shafts.tensile_strength[shaft],
-        speed_ratio=namespace(rpm).asarray(rpm) / train.topology.rated_rpm,
+        speed_ratio=namespace(rpm).asarray(rpm) / rated,
         rule=train.topology.rule_of(shaft),
         **optional,
     )

@@ -2,6 +2,8 @@
 barred ranges after M68.5, separation margins.
 """
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -9,12 +11,14 @@ from reference_data import DATA
 
 import jaxhb
 from jaxhb import SceneError
+from jaxhb.elements.rules import RULES
 from jaxhb.elements.rules.chosen import DEFAULT, File, choose
 from jaxhb.elements.rules.formula import FormulaError, formula
 from jaxhb.elements.rules.written import rule_of
 from jaxhb.linear.critical import modes_of
 from jaxhb.linear.margins import separations
 from jaxhb.linear.strength import barred_ranges
+from jaxhb.report.text.strength import strength_text
 
 TEXT = (DATA / "rules/intermediate_shafts.toml").read_text()
 FILE = File("intermediate_shafts.toml", TEXT)
@@ -47,7 +51,7 @@ def test_m68_written_as_a_file_is_that_of_jaxhb(on_jax):
             jax.jit(lambda x: limits(rule, x))(ratio) if on_jax else limits(rule, ratio)
         )
         np.testing.assert_allclose(read, limits("M68", ratio), rtol=1e-12)
-    built_in = jaxhb.elements.rules.RULES["M68"]
+    built_in = RULES["M68"]
     assert rule.barred(420.0, 900.0) == pytest.approx(built_in.barred(420.0, 900.0))
     assert (rule.highest, rule.passed, rule.corners[-1]) == (1.05, 0.8, 1.05)
     assert set(rule.needs) == set(built_in.needs)
@@ -125,6 +129,7 @@ def test_what_is_no_formula_is_refused_with_its_column(text, sentence):
         ("[0.9, 1.05]", "[0.8, 1.05]", "lambda from 0.8 to 0.9 is in the span before"),
         ("[0.9, 1.05]", "[1.05, 0.9]", r"must be \[from, to\], rising"),
         ("sigma_B", "sigma_C", "strength: unknown name 'sigma_C' at column 5"),
+        ('"MPa"', '["MPa"]', "stress_unit is .'MPa'., must be"),
         ('"MPa"', '"kPa"', "stress_unit is 'kPa', must be 'Pa' or 'MPa'"),
         ('name = "intermediate shafts"', "", "the key 'name' is missing"),
         ("accepted_to", "accept_to", "unknown key 'accept_to'. Did you mean"),
@@ -169,7 +174,7 @@ def test_the_range_to_bar_is_that_above_the_limit_and_that_of_the_rule():
     limit = np.full(5, 30.0)
     (above,) = barred_ranges(rpm, stress, limit, 1.7 * limit)
     assert (above.low, above.high) == (95.0, 105.0)
-    rule = jaxhb.elements.rules.RULES["M68"]
+    rule = RULES["M68"]
     barred = above.widened(rule, 125.0, 0.02)
     # lambda = 0.8: 16 x 100 / 17.2 and 17.2 x 100 / 16, wider than 2.5 rpm each way
     assert barred.rule_low == pytest.approx(1600.0 / 17.2, rel=1e-12)
@@ -179,7 +184,7 @@ def test_the_range_to_bar_is_that_above_the_limit_and_that_of_the_rule():
     assert barred.bar_low == pytest.approx(92.5)
     assert barred.bar_high == pytest.approx(107.5)
     # A rule without a range of its own leaves the range as it is.
-    other = jaxhb.elements.rules.RULES["KR generator shaft"]
+    other = RULES["KR generator shaft"]
     assert above.widened(other, 125.0, 0.02) is above
     assert (above.bar_low, above.bar_high) == (95.0, 105.0)
 
@@ -256,3 +261,35 @@ def test_separation_margins_are_those_worked_out_by_hand(
     done = run(f"modes {path}", "json")
     assert ("TOO CLOSE" in done.out) == (not worst.kept)
     assert len(done.json["separation_margins"]) == 2
+
+
+def test_ranges_of_a_misfire_are_restrictions_and_late_ranges_are_not_accepted(
+    tmp_path,
+):
+    train = jaxhb.load_scene(line(tmp_path, ""))
+    judged = jaxhb.strength(
+        jaxhb.forced_response(train, rpm=np.linspace(300.0, 960.0, 12))
+    )
+
+    def told(strength):
+        return "\n".join(map(str, strength_text({"": strength})))
+
+    assert "Barred speed ranges between" in told(judged)
+    misfiring = dataclasses.replace(judged, not_firing=("cylinder 1",))
+    assert "Restricted speed ranges between" in told(misfiring)
+    assert "Restricted with this misfire and passed rapidly: " in told(misfiring)
+    # At 500 rpm the same critical speed is above 0.8 of the rated speed.
+    late = told(dataclasses.replace(judged, rated_rpm=500.0))
+    assert "not accepted above 0.8 of the rated speed" in late
+    assert "NOT accepted as a whole" in late
+    assert "passed rapidly" not in late
+
+
+def test_a_scene_that_is_written_elsewhere_takes_its_file_of_rules(tmp_path, run):
+    path = line(tmp_path, f'rules = ["{FILE.name}"]')
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    run(f"scene {path} --out {folder / 'line.toml'}")
+    assert (folder / FILE.name).read_text() == TEXT
+    read = jaxhb.load_scene(folder / "line.toml").topology.rules
+    assert read == jaxhb.load_scene(path).topology.rules

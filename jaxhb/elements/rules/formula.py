@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import operator
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,22 +23,25 @@ LONGEST = 1000  # characters of a formula
 _LAMBDA = "lambda"
 _NAMED = "lambd_"
 
-_BINARY = {
+_BINARY: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-_SIGNS = {ast.UAdd: operator.pos, ast.USub: operator.neg}
-_COMPARED = {
+_SIGNS: dict[type, Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+_COMPARED: dict[type, Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
 _FUNCTIONS = {"min": 2, "max": 2, "sqrt": 1, "where": 3}
-_HINTS = {ast.BitXor: " Write ** for powers."}
+_FOR_POWERS = " Write ** for powers."
 
 
 class FormulaError(ValueError):
@@ -124,7 +127,8 @@ def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -
                 assert isinstance(condition, ast.Compare)
                 parts = [condition.left, *condition.comparators, *others]
         case _:
-            hint = _HINTS.get(type(getattr(node, "op", None)), "")
+            is_power = isinstance(getattr(node, "op", None), ast.BitXor)
+            hint = _FOR_POWERS * is_power
             raise FormulaError(
                 f"{shown(ast.get_source_segment(text, node) or text)} at column"
                 f" {column} is not understood: a formula has numbers, names, + - * /"
@@ -162,7 +166,7 @@ def _value(node: ast.expr, numbers: Mapping[str, Any], xp: Any) -> Any:
         return _value(part, numbers, xp)
 
     match node:
-        case ast.Constant(value=number):
+        case ast.Constant(value=int() | float() as number):
             return xp.asarray(float(number))
         case ast.Name(id=name):
             return numbers[name.replace(_NAMED, _LAMBDA)]

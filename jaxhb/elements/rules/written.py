@@ -200,7 +200,7 @@ def _unit(
 ) -> float:
     """Read a unit of formulas."""
     value = content.get(key)
-    if value in units:
+    if isinstance(value, str) and value in units:
         return units[value]
     allowed = " or ".join(map(repr, units))
     if value is None:
