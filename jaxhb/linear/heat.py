@@ -4,6 +4,8 @@ that they make, at each speed of the linear forced response.
 A link with ``surface`` A, ``heat_transfer`` h and ``ambient`` T_a has the temperature T
 = T_a + P / (h A), where P is the power that it turns into heat with the stiffness and
 damping that its ``over_temperature`` gives at T: a silicone oil thins as it grows warm.
+It is where ``dT/dt = T_a + P / (h A) - T`` comes to rest from T_a, as a train that is
+started cold does (:func:`jaxhb.linear.forced.at_rest`).
 """
 
 import dataclasses
@@ -14,20 +16,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, Numbers, on_host, traced
+from jaxhb._jax import Array, Numbers, namespace, on_host, traced
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import joined
-from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.forced import ForcedResponse, at_rest, forced_response
+from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.results.answers import solved
+from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
-STEPS = 60
-SETTLED = 1e-4  # K, by which the temperature may differ from that of its heat
-SHORTEST = 0.05
-LONGEST = 3.0
-"""Step over the difference of temperatures, at least and at most."""
+SETTLED = 1e-10
+"""Change of temperatures at which they are at rest, over the first from the air."""
+FOUND = 1e-3  # K, by which the temperature may differ from that of its heat
 
 
 def at_temperatures(
@@ -98,58 +100,92 @@ def heat_balance(
     # For its errors, and the train of the response.
     first = forced_response(train, rpm=rpm, harmonics=harmonics)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
-    ambient = np.array([train.value(f"{name}.ambient") for name in names])
-    conductance = np.array(
-        [
-            train.value(f"{name}.surface") * train.value(f"{name}.heat_transfer")
-            for name in names
-        ]
-    )
-    spans = [span_of(train, name) for name in names]
-    lowest, highest = np.transpose(spans)
-
-    def respond(temperatures: np.ndarray) -> ForcedResponse:
-        """The response at all speeds with links at temperatures ``(n, W)``."""
-        # Constant outside the rows, and numbers have a range.
-        inside = np.clip(temperatures, lowest, highest)
-        if not train.topology.springs:
-            return on_host(_respond_each(train, inside, speeds, harmonics))
+    if train.topology.springs:
         # Each speed has the slopes of its own mean load.
-        responses = [
-            forced_response(
-                at_temperatures(train, inside[i]), rpm=speeds[i], harmonics=harmonics
-            )
-            for i in range(len(speeds))
-        ]
-        return jax.tree.map(lambda *rows: np.stack(rows), *responses)
-
-    temperatures = np.tile(ambient, (len(speeds), 1))
-    before = (np.nan * temperatures, np.nan * temperatures)
-    for _ in range(STEPS):
-        response = respond(temperatures)
-        power = np.stack([response.power(name) for name in names], axis=-1)
-        excess = ambient + power / conductance - temperatures
-        unsolved = ~np.asarray(solved(response.status))
-        settled = unsolved | np.all(np.abs(excess) <= SETTLED, axis=-1)
-        if settled.all():
-            break
-        steps = _steps(temperatures, excess, *before)
-        before = (temperatures, excess)
-        moved = temperatures + steps * excess
-        temperatures = np.where(settled[:, None], temperatures, moved)
+        at_speeds = [_alone(train, speed, harmonics) for speed in speeds]
+        response = jax.tree.map(lambda *rows: np.stack(rows), *at_speeds)
     else:
-        lost = speeds[~settled]
+        response = on_host(_balanced(train, speeds, harmonics))
+    temperatures = np.asarray(response.temperatures)
+    power = np.stack([response.power(name) for name in names], axis=-1)
+    ambient = np.array([train.value(f"{name}.ambient") for name in names])
+    lost = np.asarray(solved(response.status)) & ~np.all(
+        np.abs(ambient + power / _conductance(train) - temperatures) <= FOUND, axis=-1
+    )
+    if lost.any():
         raise SceneError(
             f"{train.topology.title}: the temperature of {joined(map(repr, names))} is"
-            f" not found at {len(lost)} speeds, the first {lost[0]:g} rpm: it still"
-            f" moves by {np.max(np.abs(excess[~settled])):.3g} K after {STEPS} steps."
-            " Give over_temperature more rows, or a temperature without surface."
+            f" not found at {np.sum(lost)} of {len(speeds)} speeds, the first"
+            f" {speeds[lost][0]:g} rpm. Make over_temperature smoother, or give a"
+            " temperature without surface."
         )
-    temperatures = np.where(unsolved[:, None], ambient, temperatures)
-    response = dataclasses.replace(
-        response, temperatures=temperatures, train=first.train
-    )
+    response = dataclasses.replace(response, train=first.train)
     return response if np.ndim(rpm) else response[0]
+
+
+def _alone(train: DriveTrain, speed: float, harmonics: int | None) -> ForcedResponse:
+    """The response at one speed of a train with stages, stops, clearance or friction,
+    which other links have than those that grow warm.
+    """
+    loaded = linearised(at_pressed_load(train, rpm=speed).train)
+    temperatures = _balanced(loaded, np.array([speed]), harmonics).temperatures
+    assert temperatures is not None
+    inside = _inside(train, temperatures[0])
+    warm = at_temperatures(train, list(inside))
+    response = forced_response(warm, rpm=speed, harmonics=harmonics)
+    return dataclasses.replace(response, temperatures=temperatures[0])
+
+
+def _conductance(train: DriveTrain) -> Array:
+    """Heat ``(W,)`` in W/K that links give off."""
+    xp = namespace(train)
+    return xp.stack(
+        [
+            xp.asarray(
+                train.value(f"{name}.surface") * train.value(f"{name}.heat_transfer")
+            )
+            for name in warm_names(train.topology)
+        ]
+    )
+
+
+def _inside(train: DriveTrain, temperatures: Array) -> Array:
+    """Temperatures ``(W,)`` within the rows of each link: outside the factors are
+    constant, and numbers have a range.
+    """
+    rows = [
+        train.value(f"{name}.over_temperature") for name in warm_names(train.topology)
+    ]
+    lowest = jnp.stack([jnp.asarray(row)[0, 0] for row in rows])
+    highest = jnp.stack([jnp.asarray(row)[-1, 0] for row in rows])
+    return jnp.clip(jnp.asarray(temperatures), lowest, highest)
+
+
+@partial(Program, static_argnames="harmonics")
+def _balanced(train: DriveTrain, rpm: Array, harmonics: int | None) -> ForcedResponse:
+    """The response at speeds ``(n,)`` with its temperatures ``(n, W)``."""
+    names = warm_names(train.topology)
+    ambient = jnp.stack([jnp.asarray(train.value(f"{name}.ambient")) for name in names])
+    conductance = _conductance(train)
+
+    def respond(temperatures: Array, speed: Array) -> ForcedResponse:
+        """The response at a speed with links at temperatures ``(W,)``."""
+        warm = at_temperatures(train, list(_inside(train, temperatures)))
+        return forced_response(warm, rpm=speed, harmonics=harmonics)
+
+    def at(speed: Array) -> ForcedResponse:
+        """The response at a speed with its temperatures."""
+
+        def resulting(temperatures: Array) -> Array:
+            response = respond(temperatures, speed)
+            power = jnp.stack([response.power(name) for name in names])
+            return ambient + power / conductance
+
+        temperatures = at_rest(resulting, ambient, SETTLED)
+        response = respond(temperatures, speed)
+        return dataclasses.replace(response, temperatures=temperatures)
+
+    return jax.vmap(at)(jnp.asarray(rpm))
 
 
 def span_of(train: DriveTrain, name: str) -> tuple[float, float]:
@@ -158,32 +194,3 @@ def span_of(train: DriveTrain, name: str) -> tuple[float, float]:
     """
     rows = np.asarray(train.value(f"{name}.over_temperature"))
     return float(rows[0, 0]), float(rows[-1, 0])
-
-
-def _steps(
-    temperatures: np.ndarray,
-    excess: np.ndarray,
-    temperatures_before: np.ndarray,
-    excess_before: np.ndarray,
-) -> np.ndarray:
-    """Steps ``(n, W)`` over the excess of temperature: by the secant of each link,
-    where the excess falls with the temperature; 1 at first.
-    """
-    change = temperatures - temperatures_before
-    rise = excess - excess_before
-    falls = np.isfinite(change) & (change * rise < 0.0)
-    secant = np.where(falls, -change, 1.0) / np.where(falls, rise, 1.0)
-    return np.clip(secant, SHORTEST, LONGEST)
-
-
-@partial(Program, static_argnames="harmonics")
-def _respond_each(
-    train: DriveTrain, temperatures: Array, rpm: Array, harmonics: int | None
-) -> ForcedResponse:
-    """The response at speeds ``(n,)``, at each with its own temperatures ``(n, W)``."""
-
-    def at(temperature: Array, speed: Array) -> ForcedResponse:
-        warm = at_temperatures(train, list(temperature))
-        return forced_response(warm, rpm=speed, harmonics=harmonics)
-
-    return jax.vmap(at)(jnp.asarray(temperatures), jnp.asarray(rpm))
