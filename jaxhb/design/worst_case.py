@@ -24,7 +24,7 @@ from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.bounds_over_box import bounds_over_box
-from jaxhb.design.evaluation import Evaluator, Point, pull_back, where
+from jaxhb.design.evaluation import Evaluator, Point, where
 from jaxhb.design.quantities import (
     QUANTITIES,
     Objective,
@@ -541,7 +541,7 @@ class _Search:
         def slopes(quantity: np.ndarray) -> np.ndarray:
             chosen = np.arange(len(self.box.objectives)) == quantity[filled][:, None]
             derivatives = np.asarray(
-                pull_back(pull, lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :]))
+                pull(lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :]))
             )
             return np.where(np.isfinite(derivatives), derivatives, 0.0)[:count]
 
