@@ -431,9 +431,7 @@ class Evaluator:
             # Near a fold the equations are solved and their derivative is not: the
             # speed is lost, and the rest evaluated without it.
             status = np.where(valid & ~whole, Status.STALLED, status)
-        gradient = np.where(
-            steep[:, None], by_z + np.asarray(pull(by_numbers)), np.nan
-        )
+        gradient = np.where(steep[:, None], by_z + np.asarray(pull(by_numbers)), np.nan)
         return dataclasses.replace(
             point, status=status, value=value, gradient=gradient, of_design=of_design
         )
@@ -816,7 +814,9 @@ class DesignForm:
 
         def lane(z: Array, speed: Array, share: Array) -> list[Array]:
             changed = train_of_lane(train, self.task, self.box, z, share)
-            leaves = jax.tree.leaves((changed, problem_at(changed, speed, self.excited)))
+            leaves = jax.tree.leaves(
+                (changed, problem_at(changed, speed, self.excited))
+            )
             return [
                 leaf
                 for leaf, is_held in zip(leaves, self.held, strict=True)

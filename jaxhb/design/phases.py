@@ -47,12 +47,16 @@ GOLDEN = (5**0.5 - 1) / 2
 PHASES = 24  # of the scan of a train that is solved at each
 # Phases of the scan of a linear train for each harmonic that the engine excites
 PER_HARMONIC = 16
+# The same of speeds at which teeth stay in contact
+PER_HARMONIC_IN_CONTACT = 4
 # Peaks of the scan of a linear train that are refined, the highest and those that come
 # near it: the highest of the scan need not be that of the circle
 PEAKS = 4
 NEAR = 0.99  # share of the highest from which on another may be higher
 TIME_SAMPLES = 32  # for each harmonic, of the scan of a linear train
-LANES = 256  # motions of a linear train that are read together
+# Motions of a linear train that are read together: their arrays stay in the cache of a
+# processor
+LANES = 32
 
 
 @brief
@@ -107,7 +111,8 @@ def worst_phase(
     """Search the phase at which each quantity is largest, over the full circle of the
     rotor of a ``[[phase]]``.
 
-    Of a linear train exactly, at every speed. With backlash, or links that vary with
+    Of a linear train exactly, at every speed, and so where the teeth of a train with
+    backlash stay in contact at every phase. At other speeds, and where links vary with
     their amplitude, a scan of the circle by :func:`jaxhb.solve_speeds`, and round the
     worst phase of each quantity, at the speed at which it is largest, a golden section:
     what is narrower than a step of the scan may be missed. :class:`SceneError` of
@@ -193,9 +198,12 @@ def worst_phase(
     least = np.full(len(quantities), -np.inf)
     if len(places):
         reader = _Linear.of(train, name, rpm[places])
-        fine = math.ceil(PER_HARMONIC * reader.highest * circle / (360.0 * reader.turn))
-        # Beside speeds that are solved every so many of its phases are those of these.
-        fine_count = phases or -(-max(PHASES, fine) // PHASES) * PHASES
+        finest = PER_HARMONIC_IN_CONTACT if topology.has_law.any() else PER_HARMONIC
+        fine = math.ceil(finest * reader.highest * circle / (360.0 * reader.turn))
+        fine_count = phases or max(PHASES, fine)
+        if not phases and len(solved_places):
+            # Every so many of its phases are those of the speeds that are solved.
+            fine_count = -(-fine_count // PHASES) * PHASES
         count = count if len(solved_places) else fine_count
         found = reader.found(quantities, circle, fine_count, every=fine_count // count)
         parts.append((places, found))
@@ -275,7 +283,8 @@ class _Linear:
     phase turns.
 
     start : deg of the response; turn : turns of the reference rotor in which the phase
-    turns once; highest : harmonic that it turns
+    turns once; highest : harmonic that it turns; read_parts : parts of the motion that
+    a quantity is read from, as far as they were asked for
     """
 
     train: DriveTrain
@@ -284,6 +293,7 @@ class _Linear:
     start: float
     turn: float
     highest: int
+    read_parts: dict[Objective, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, train: DriveTrain, name: str, rpm: np.ndarray) -> _Linear:
@@ -310,21 +320,39 @@ class _Linear:
         highest = int(np.flatnonzero(sizes > 1e-9 * sizes.max()).max(initial=1))
         return cls(train, response, turned, start, turn, highest)
 
-    def motion(self, angle: np.ndarray, places: np.ndarray) -> Response:
-        """The motions at phases ``(k,)`` deg and the speeds at ``places`` ``(k,)``."""
-        response = self.response[places]
-        by_deg = _by_deg(self.response.angles, self.turn)
-        factor = np.expm1(by_deg * (angle - self.start)[:, None, None])
-        changes = {
-            part: getattr(response, part) + values[places] * factor
-            for part, values in self.turned.items()
-        }
-        return dataclasses.replace(response, **changes)
+    def part(self, name: str, angle: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """A part of the motions, one of FIELDS, at phases ``(k,)`` deg and the speeds
+        at ``places`` ``(k,)``.
+        """
+        turned = self.turned[name][places]
+        by_deg = _by_deg(turned, self.turn)
+        factor = np.expm1(by_deg * (angle - self.start)[:, None])[:, None]
+        return getattr(self.response, name)[places] + turned * factor
 
     def __call__(
         self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
     ) -> np.ndarray:
-        return _read(self.motion(angle, places), quantities, self.train)
+        parts = {name for quantity in quantities for name in self._parts_of(quantity)}
+        motion = self.response[places]
+        changes = {name: self.part(name, angle, places) for name in parts}
+        return _read(dataclasses.replace(motion, **changes), quantities, self.train)
+
+    def _parts_of(self, quantity: Objective) -> tuple[str, ...]:
+        """The parts of a motion that a quantity is read from."""
+        if quantity not in self.read_parts:
+            first = self.response[:1]
+            unknown = {
+                name: dataclasses.replace(
+                    first, **{name: np.full_like(getattr(first, name), np.nan)}
+                )
+                for name in FIELDS
+            }
+            self.read_parts[quantity] = tuple(
+                name
+                for name, motion in unknown.items()
+                if not np.isfinite(_value(motion, quantity, self.train)).all()
+            )
+        return self.read_parts[quantity]
 
     def in_contact(self, circle: float) -> np.ndarray:
         """Whether all teeth of a train with backlash stay in contact ``(S,)``, at
@@ -340,8 +368,8 @@ class _Linear:
             rpm = float(self.response.rpm[i])
             fixed = at_speed(train, rpm) if train.topology.depends_on_speed else train
             for chunk in np.array_split(angles, -(-count // LANES)):
-                motion = self.motion(chunk, np.full(len(chunk), i))
-                forces = fourier.synthesize(motion.elastic_forces, samples)
+                elastic = self.part("elastic_forces", chunk, np.full(len(chunk), i))
+                forces = fourier.synthesize(elastic, samples)
                 _, leaves, _ = meshes_leaving_contact(fixed, forces)
                 stays[i] &= not leaves.any()
                 if not stays[i]:
@@ -434,6 +462,15 @@ def _by_deg(values: np.ndarray, turn: float) -> np.ndarray:
     return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
 
 
+def _value(motion: Response, quantity: Objective, train: DriveTrain) -> np.ndarray:
+    """A quantity ``(S,)`` of motions."""
+    return np.asarray(
+        QUANTITIES[quantity.quantity].exact_value(
+            motion, quantity.of, quantity.order, train
+        )
+    )
+
+
 def _read(
     motion: Response, quantities: Sequence[Objective], train: DriveTrain
 ) -> np.ndarray:
@@ -442,9 +479,7 @@ def _read(
     """
     columns = []
     for quantity in quantities:
-        values = QUANTITIES[quantity.quantity].exact_value(
-            motion, quantity.of, quantity.order, train
-        )
+        values = _value(motion, quantity, train)
         has_value = np.asarray(motion.converged) & judged(train, quantity, motion.rpm)
         columns.append(np.where(has_value, values, np.nan))
     return np.stack(columns, axis=-1)
