@@ -53,8 +53,14 @@ from jaxhb.report.transients import (
     transient_report,
 )
 from jaxhb.results.checkpoint import place_in
-from jaxhb.scene.files import _find, load_scene, scene_description
+from jaxhb.scene.files import (
+    _find,
+    load_scene,
+    scene_description,
+    scene_title_block,
+)
 from jaxhb.scene.input_files import read_bytes
+from jaxhb.scene.title_block import logo_address
 from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
@@ -387,6 +393,7 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         ]
         for kind, rows in element_files(arguments.scene).items()
     }
+    block, folder = scene_title_block(arguments.scene)
     return Report(
         computed.cases,
         place=computed.place,
@@ -397,6 +404,8 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         tolerances=computed.tolerances,
         transient=computed.transient,
         facts=_facts(arguments),
+        title=block,
+        logo=logo_address(block, folder),
         description=scene_description(arguments.scene),
         scene=scene_text(arguments.scene)[0],
         elements={name: row for name, row in elements.items() if name in present},

@@ -23,6 +23,7 @@ from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
+from jaxhb.scene.title_block import TitleBlock, read_title_block
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -40,6 +41,7 @@ BESIDE = (
     "sequence",
     "tune",
     "tolerance",
+    "report",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
@@ -60,6 +62,15 @@ def scene_description(name: str | Path) -> str:
     """
     head = parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
+
+
+def scene_title_block(name: str | Path) -> tuple[TitleBlock, Path]:
+    """Read the ``[report]`` of a packaged scene or a file, and return it with the
+    folder in which its logo lies.
+    """
+    path = _find(name)
+    table = parse(path, []).get("report")
+    return read_title_block(table, path.name, path.parent, []), path.parent
 
 
 def load_scene(name: str | Path) -> DriveTrain:
@@ -89,6 +100,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}"
         for key in unknown
     ]
+    read_title_block(content.get("report"), path.name, path.parent, errors)
     elements, lost = _read_elements(path, content, errors)
     return checked(
         elements,

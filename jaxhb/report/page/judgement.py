@@ -1,5 +1,5 @@
-"""Parts of the page on the answers and how far they can be trusted: result, limits,
-computed bounds, notes.
+"""Parts of the page on the answers and how far they can be trusted: limits, computed
+bounds, notes.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,12 +14,10 @@ from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import (
     governing_misfires,
     governing_table,
-    hardest_of,
-    worst_misfire,
 )
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, plain_number
-from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
+from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.strength import (
     AID,
     LIMITED,
@@ -28,62 +26,9 @@ from jaxhb.report.text.strength import (
     largest_shares,
     strength_text,
 )
-from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.checks.plausible import plausibility
 
 ROUNDING = 1e-9  # share of the power that is lost by rounding
-
-
-def result(report: Report) -> list[Block]:
-    """Say what an engineer reads first: do the teeth hammer, how hard, and what of it
-    is in doubt.
-    """
-    cases = report.cases
-    missing = {
-        case.title: sum(not answer.answered for answer in case.answers)
-        for case in [*cases, *report.seconds]
-    }
-    doubts = ", ".join(
-        f"{count} of {len(report.rpm)} ({title})"
-        for title, count in missing.items()
-        if count
-    )
-    worst = worst_misfire(cases) if len(cases) > 2 else None
-    of_all = f"Of all {len(cases) - 1}: "
-    blocks: list[Block] = [
-        *(f"With {_largest(case)}" for case in report.shown),
-        *firing_lines(*(case.answers[0].train for case in cases)),
-        of_all + misfire_text(worst, cases[0].title) if worst else None,
-        *(f"With the {_largest(case)}" for case in report.seconds),
-        *judged(cases, "Against the limits of the scene"),
-        *judged(report.seconds, SECOND_LIMITS),
-        doubts
-        and f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}.",
-    ]
-    return list(filter(None, blocks))
-
-
-def _largest(case: Case) -> str:
-    """Say in sentences what a case does over the speeds, and the largest number of all
-    elements.
-    """
-    hardest = hardest_of([case])
-    motions = " ".join(motion_sentences(case.answers))
-    if hardest is None:
-        return f"{case.title}: {motions} No speed has an answer."
-    assert hardest.name is not None  # it leaves out speeds without an answer
-    quantity = hardest.quantity
-    before = (
-        quantity.without([hardest.answer], hardest.name)[0]
-        if any(hardest.answer.topology.mesh_backlash)
-        else np.nan
-    )
-    without = (
-        f" ({plain_number(before)} {quantity.unit} without backlash)"
-        if np.isfinite(before)
-        else ""
-    )
-    return f"{case.title}: {motions} {quantity.title}: {hardest.said}{without}."
 
 
 def accuracy(report: Report) -> list[Block]:
@@ -177,17 +122,6 @@ def judged(cases: Sequence[Case], against: str) -> list[str]:
     if not shares:
         return []
 
-    def where(key: str, holds: Callable[[Any], bool | np.bool_]) -> str:
-        """Name the elements and cases where something holds of a row of ``key``."""
-        titles_by_name: dict[str, list[str]] = {}
-        for case in cases:
-            for name, row in getattr(answers_strength(case.answers), key).items():
-                if holds(row):
-                    titles_by_name.setdefault(name, []).append(case.title)
-        return "; ".join(
-            f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
-        )
-
     over = sum(share.share > 1 for share in shares)
     count = "one case" if len(cases) == 1 else f"{len(cases)} cases"
     verdict = (
@@ -206,18 +140,39 @@ def judged(cases: Sequence[Case], against: str) -> list[str]:
         f"{against} ({AID}), {count}: {verdict}. Shares, the largest first:"
         f" {'; '.join(listed)}."
     ]
-    above = where(
+    return [*sentences, *_above_transient(cases), *reversing(cases)]
+
+
+def _above_transient(cases: Sequence[Case]) -> list[str]:
+    """Name the shafts whose stress may not even be passed through, in a list."""
+    above = _where(
+        cases,
         "stresses",
         lambda row: row.transient is not None and np.any(row.stress > row.transient),
     )
-    reversing = where("tooth_torques", lambda row: np.any(row.reverses))
-    if above:
-        sentences.append(f"ABOVE THE TRANSIENT LIMIT of stress: {above}.")
-    if reversing:
-        sentences.append(
-            f"Teeth with a rated torque whose torque changes its sign: {reversing}."
-        )
-    return sentences
+    return [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] if above else []
+
+
+def reversing(cases: Sequence[Case]) -> list[str]:
+    """Name the meshes with a rated torque whose torque changes its sign, in a list."""
+    names = _where(cases, "tooth_torques", lambda row: np.any(row.reverses))
+    if not names:
+        return []
+    return [f"Teeth with a rated torque whose torque changes its sign: {names}."]
+
+
+def _where(
+    cases: Sequence[Case], key: str, holds: Callable[[Any], bool | np.bool_]
+) -> str:
+    """Name the elements and cases where something holds of a row of ``key``."""
+    titles_by_name: dict[str, list[str]] = {}
+    for case in cases:
+        for name, row in getattr(answers_strength(case.answers), key).items():
+            if holds(row):
+                titles_by_name.setdefault(name, []).append(case.title)
+    return "; ".join(
+        f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
+    )
 
 
 def shares_table(title: str, cases: Sequence[Case]) -> Table | None:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
+from jaxhb.report.page.first_page import compliance, operating_modes, result
+from jaxhb.report.page.judgement import accuracy, limits, notes_of
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import (
     forces_over_speed,
@@ -23,6 +24,8 @@ from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 
 PARTS: dict[str, Callable[[Report], list[Block]]] = {
     "Result": result,
+    "Statement of compliance": compliance,
+    "Operating modes": operating_modes,
     "Train and data": train_data,
     "Assumptions and versions": assumptions,
     "Natural frequencies": modes,

@@ -17,6 +17,7 @@ from jaxhb.report.selection import cylinder_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
+from jaxhb.scene.title_block import TitleBlock
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ class Report:
     have it; tuning : words and tables that tell how it was found; tolerances : figures,
     words and tables on the effects of the tolerances of the scene; transient : words,
     tables and figures of a transient; facts : where the
-    page comes from;
-    description, scene : the description in the scene, and its text; elements,
+    page comes from; title, logo : title block, and its picture as an address that holds
+    it; description, scene : the description in the scene, and its text; elements,
     second_elements : the elements of the scenes of both designs by name, see
     :func:`jaxhb.scene.writer.elements_of`; files : names of the files that torques and
     cylinders take their rows from, see :func:`jaxhb.scene.writer.element_files`
@@ -66,6 +67,8 @@ class Report:
     tolerances: tuple = ()
     transient: tuple = ()
     facts: dict[str, str] = field(default_factory=dict)
+    title: TitleBlock = field(default_factory=TitleBlock)
+    logo: str = ""
     description: str = ""
     scene: str = ""
     elements: dict[str, Any] = field(default_factory=dict)
@@ -81,6 +84,11 @@ class Report:
     def rpm(self) -> list[float]:
         """Speeds."""
         return [answer.rpm for answer in self.cases[0].answers]
+
+    @property
+    def has_backlash(self) -> bool:
+        """Whether any mesh has backlash; without, the train is linear."""
+        return any(self.train.topology.mesh_backlash)
 
     @property
     def shown(self) -> list[Case]:
