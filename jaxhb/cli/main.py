@@ -565,6 +565,7 @@ def transient() -> None:
 )
 @options.certify(", at the speed of --at")
 @options.file("html")
+@options.file("pdf")
 @option(
     "--tuned SCENE",
     "add another design to the page, as jaxhb tune writes it",

@@ -31,6 +31,7 @@ from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_case
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
 from jaxhb.report.figures.transients import transient_figures
+from jaxhb.report.files.browser import find_browser
 from jaxhb.report.files.compared import of_answers
 from jaxhb.report.files.formats import FORMATS, deliver, named
 from jaxhb.report.files.numbers import answer_row, cases_record, labelled, on_scene
@@ -135,7 +136,8 @@ def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
     if named(arguments, "page"):
         from jaxhb.report.page.page import as_page
 
-        page, whole = as_page(_report_of(arguments, computed))
+        page = as_page(_report_of(arguments, computed))
+        whole = page.whole
     _deliver(arguments, text, cases, computed, worst, page)
     unfinished.forget()
     answers = [answer for case in computed.cases for answer in case.answers]
@@ -247,6 +249,8 @@ def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain
     """
     without_page = f"on the page only. Add {FORMATS['html'].spelled}."
     shown = named(arguments, "page")
+    if "pdf" in shown:
+        find_browser()
     if (arguments.tuned or arguments.tune) and not shown:
         option = "tune" if arguments.tune else "tuned"
         raise OutputError(f"--{option}: the second design appears {without_page}")

@@ -128,7 +128,8 @@ class Figure:
 
     x, panels : axes, those of the panels from the top; traces, notes : lines, marks and
     texts, as plotly.js calls them; height : of a panel; top, right, bottom : room
-    beside the panels, pixels; legend : side at which it stands
+    beside the panels, pixels; legend : side at which it stands; width : pixels of a
+    page that it takes
     """
 
     caption: str
@@ -142,6 +143,12 @@ class Figure:
     right: int = 14
     bottom: int = BOTTOM
     legend: Literal["left", "right"] = "left"
+    width: int = WIDTH
+
+    @property
+    def narrow(self) -> bool:
+        """Whether two stand side by side on a page."""
+        return self.width < WIDTH
 
     @property
     def in_legend(self) -> list[Trace]:
@@ -167,7 +174,7 @@ class Figure:
     @property
     def above(self) -> int:
         """Pixels above the panels."""
-        rows = -(-len(self.in_legend) // legend_columns(self.traces))
+        rows = -(-len(self.in_legend) // legend_columns(self.traces, self.width))
         return 12 + LEGEND_ROW * rows + self.top
 
     @property
@@ -266,17 +273,17 @@ def numbered(name: str, panel: int) -> str:
     return f"{name}{panel + 1}" if panel else name
 
 
-def legend_columns(traces: Iterable[Trace]) -> int:
+def legend_columns(traces: Iterable[Trace], width: int = WIDTH) -> int:
     """Count the columns of the legend, from the lengths of its names."""
     widths = [
         KEY + LETTER * len(trace["name"])
         for trace in traces
         if trace.get("showlegend", True)
     ]
-    if sum(widths) <= WIDTH - 76:
+    if sum(widths) <= width - 76:
         return max(1, len(widths))
     # plotly gives every entry the width of the longest.
-    return max(1, int((WIDTH - 76) // max(widths)))
+    return max(1, int((width - 76) // max(widths)))
 
 
 def numbers(values: Iterable[float]) -> list[float | None]:

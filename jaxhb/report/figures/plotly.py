@@ -7,7 +7,6 @@ from typing import Any
 from jaxhb.report.figures.figure import (
     BAND,
     GAP,
-    WIDTH,
     ZERO,
     Axis,
     Band,
@@ -44,7 +43,7 @@ def layout_of(figure: Figure) -> dict[str, Any]:
         "ticks": "" if several else "outside",
     }
     layout: dict[str, Any] = {
-        "width": WIDTH,
+        "width": figure.width,
         "height": figure.pixels,
         "margin": {
             "l": AXIS + ROW * more_rows,

@@ -2,7 +2,7 @@
 in which operating modes.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,14 +11,21 @@ from jaxhb.elements.rules import RULES
 from jaxhb.linear.strength import Strength
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
-from jaxhb.report.page.judgement import reversing, shares_of
-from jaxhb.report.page.parts import Block, Report
+from jaxhb.report.page.judgement import reversing, rule_notes
+from jaxhb.report.page.parts import Block, Report, flowing
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import hardest_of, worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.report.text.sentences import firing_lines, misfire_text
-from jaxhb.report.text.strength import AID, Limited, Share, answers_strength
+from jaxhb.report.text.strength import (
+    AID,
+    ENOUGH,
+    LIMITED,
+    Limited,
+    Share,
+    largest_shares,
+)
 from jaxhb.report.text.sweep_tables import motion_sentences
 
 ROWS = 18  # rows of the table on the first page
@@ -26,6 +33,10 @@ WITHIN = "within"
 ABOVE = "ABOVE"
 UNJUDGED = "no limit given"
 REASONS = 8  # elements that a sentence names
+
+
+Range = tuple[float, float]
+"""Speeds from and to, rpm."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +75,8 @@ def result(report: Report) -> list[Block]:
             f"{len(rows) - ROWS} more rows have smaller shares: see the statement of"
             " compliance."
         )
-    blocks += [_verdict(rows), *_barred(report.cases), *reversing(report.cases)]
+    strengths = report.strengths
+    blocks += [_verdict(report, rows), *_barred(strengths), *reversing(strengths)]
     if report.has_backlash or _unanswered(report.cases):
         blocks.append(
             " ".join(
@@ -79,9 +91,9 @@ def judged_rows(report: Report) -> list[Judged]:
     """Make a row for every element with a limit, worst first, then one for every
     quantity that is not judged, of the element with the largest number.
     """
-    shares = shares_of(report.cases)
+    shares = largest_shares(report.strengths)
     rows = [_of_share(share) for share in shares.values()]
-    rows += _passing(report.cases)
+    rows += _passing(report.strengths)
     rows.sort(key=lambda row: -row.share)
     return rows + [
         row
@@ -127,13 +139,13 @@ def _of_share(share: Share) -> Judged:
     )
 
 
-def _passing(cases: Sequence[Case]) -> list[Judged]:
+def _passing(strengths: Mapping[str, Strength]) -> list[Judged]:
     """Make a row for every stress that is above the limit of passing through rapidly,
     where it is most.
     """
     worst: dict[str, Judged] = {}
-    for case in cases:
-        strength = answers_strength(case.answers)
+    factor, unit = LIMITED["stresses"].shown
+    for title, strength in strengths.items():
         for name, row in strength.stresses.items():
             if row.transient is None:
                 continue
@@ -146,12 +158,12 @@ def _passing(cases: Sequence[Case]) -> list[Judged]:
             judged = Judged(
                 name,
                 "stress when passed through",
-                1e-6 * stress[place],
-                1e-6 * limit[place],
-                "MPa",
+                factor * stress[place],
+                factor * limit[place],
+                unit,
                 shares[place],
                 float(strength.rpm[place]),
-                case.title,
+                title,
             )
             if name not in worst or judged.share > worst[name].share:
                 worst[name] = judged
@@ -190,16 +202,21 @@ def _answer_table(rows: Sequence[Judged]) -> Table:
     def number(value: float) -> str:
         return plain_number(value) if np.isfinite(value) else NONE
 
+    judged = any(row.verdict != UNJUDGED for row in rows)
+    largest = f"Largest shares of limits ({AID})" if judged else "Largest numbers"
+    share = [
+        Column("share", _share, lambda row: row.share),
+        Column("", read=lambda row: row.verdict, left=True),
+    ]
     return Table(
-        f"Largest shares of limits over all speeds and operating modes ({AID})",
+        f"{largest}, over all speeds and operating modes",
         [
             Column("element", read=lambda row: row.element),
             Column("quantity", read=lambda row: row.quantity, left=True),
             Column("value", number, lambda row: row.value),
-            Column("limit", number, lambda row: row.limit),
+            *[Column("limit", number, lambda row: row.limit)] * judged,
             Column("unit", read=lambda row: row.unit, left=True),
-            Column("share", _share, lambda row: row.share),
-            Column("", read=lambda row: row.verdict, left=True),
+            *share * judged,
             Column("at rpm", "{:g}".format, lambda row: row.rpm),
             Column("case", read=lambda row: row.case, left=True),
         ],
@@ -213,8 +230,10 @@ def _share(share: float) -> str:
     return f"{share:.2f}" if np.isfinite(share) else NONE
 
 
-def _verdict(rows: Sequence[Judged]) -> str:
-    """Say in a sentence how many of the judged rows are above their limit."""
+def _verdict(report: Report, rows: Sequence[Judged]) -> str:
+    """Say in a sentence how many of the judged rows are above their limit, and from how
+    many speeds that is known.
+    """
     if not rows:
         return "No speed has an answer."
     judged = [row for row in rows if row.verdict != UNJUDGED]
@@ -224,36 +243,41 @@ def _verdict(rows: Sequence[Judged]) -> str:
             " rated_torque of a mesh, no power_limit)."
         )
     over = sum(row.verdict == ABOVE for row in judged)
+    count = len(report.fine_rpm if report.is_linear else report.rpm)
+    speeds = f"judged at {count} speeds" if count > 1 else "judged at one speed"
+    few = "" if count >= ENOUGH else f" (use {ENOUGH} or more to find all resonances)"
     if over:
-        return f"{over} of {len(judged)} are ABOVE A LIMIT."
-    return f"All {len(judged)} are within their limits at all speeds that are judged."
+        return f"{over} of {len(judged)} are ABOVE A LIMIT, {speeds}{few}."
+    return f"All {len(judged)} are within their limits, {speeds}{few}."
 
 
-def _barred(cases: Sequence[Case]) -> list[str]:
+def _barred_ranges(strengths: Mapping[str, Strength]) -> dict[str, list[Range]]:
+    """Collect the barred ranges of every shaft that has one, of all cases together."""
+    ranges: dict[str, list[Range]] = {}
+    for strength in strengths.values():
+        for name, barred in strength.barred.items() if len(strength.rpm) > 1 else ():
+            bands = [(float(band.low), float(band.high)) for band in barred]
+            if bands:
+                ranges.setdefault(name, []).extend(bands)
+    return {name: _joined(bands) for name, bands in ranges.items()}
+
+
+def _barred(strengths: Mapping[str, Strength]) -> list[str]:
     """Name the barred ranges of all cases together, in a sentence in a list."""
-    ranges: dict[str, list[tuple[float, float]]] = {}
-    for case in cases:
-        if len(case.answers) < 2:
-            continue
-        for name, barred in answers_strength(case.answers).barred.items():
-            ranges.setdefault(name, []).extend(
-                (float(band.low), float(band.high)) for band in barred
-            )
     texts = [
-        f"{name} {', '.join(f'{low:.4g} to {high:.4g}' for low, high in _joined(bands))}"
-        for name, bands in ranges.items()
-        if bands
+        f"{name} {', '.join(f'{low:.4g} to {high:.4g}' for low, high in bands)}"
+        for name, bands in _barred_ranges(strengths).items()
     ]
     return [f"Barred speed ranges, rpm: {'; '.join(texts)}."] if texts else []
 
 
-def _joined(bands: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+def _joined(bands: Iterable[Range]) -> list[Range]:
     """Join ranges that overlap, by rising speed.
 
     >>> _joined([(3.0, 4.0), (1.0, 2.0), (1.5, 2.5)])
     [(1.0, 2.5), (3.0, 4.0)]
     """
-    joined: list[tuple[float, float]] = []
+    joined: list[Range] = []
     for low, high in sorted(bands):
         if joined and low <= joined[-1][1]:
             joined[-1] = (joined[-1][0], max(joined[-1][1], high))
@@ -289,21 +313,12 @@ def compliance(report: Report) -> list[Block]:
     """State element by element by which rule it is judged, and whether it complies; and
     what is not judged.
     """
-    shares = shares_of(report.cases)
+    shares = largest_shares(report.strengths)
     if not shares:
-        return [
-            "Nothing can be stated: the scene gives no limits (no diameter of a shaft,"
-            " no rated_torque of a mesh, no power_limit)."
-        ]
-    strength = answers_strength(report.cases[0].answers)
-    passing = {row.element for row in _passing(report.cases)}
-    bands = {
-        name
-        for case in report.cases
-        if len(case.answers) > 1
-        for name, barred in answers_strength(case.answers).barred.items()
-        if barred
-    }
+        return []  # the result says so
+    strength = report.strengths[report.cases[0].title]
+    passing = {row.element for row in _passing(report.strengths)}
+    bands = _barred_ranges(report.strengths)
     rows = [
         (
             name,
@@ -331,7 +346,7 @@ def compliance(report: Report) -> list[Block]:
         rows,
         marked=[place for place, row in enumerate(rows) if "NOT" in row[-1]],
     )
-    return [table, *_rule_notes(strength), *_without_limit(report, shares)]
+    return [table, *map(flowing, rule_notes(strength)), *_without_limit(report, shares)]
 
 
 def rule_of(strength: Strength, key: str, kind: Limited, name: str) -> str:
@@ -351,14 +366,6 @@ def _statement(share: Share, barred: bool, late: bool) -> str:
     if share.share <= 1:
         return "complies"
     return "complies with barred ranges" if barred else "does NOT comply"
-
-
-def _rule_notes(strength: Strength) -> list[str]:
-    """Tell of every rule its source, a sentence each."""
-    return [
-        RULES[name].note.format(source=RULES[name].source, rated=strength.rated_rpm)
-        for name in dict.fromkeys(strength.rules.values())
-    ]
 
 
 def _without_limit(report: Report, shares: Iterable[tuple[str, str]]) -> list[str]:

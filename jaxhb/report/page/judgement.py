@@ -2,19 +2,17 @@
 bounds, notes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from jaxhb.elements.rules import RULES
+from jaxhb.linear.strength import Strength
 from jaxhb.report.answer import Answer, Case
-from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import Block, Heading, Report, flowing
 from jaxhb.report.table import Column, Table
-from jaxhb.report.text.cases import (
-    governing_misfires,
-    governing_table,
-)
+from jaxhb.report.text.cases import governing_table
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.report.text.sentences import notes, warnings
@@ -35,6 +33,8 @@ def accuracy(report: Report) -> list[Block]:
     """Tell how far the numbers can be trusted: residuals, truncation, power, computed
     bounds.
     """
+    if report.is_linear:
+        return [_linear_accuracy(report)]
     blocks: list[Block] = [
         Table(
             "Harmonic balance, the largest of all speeds: residual of its equations,"
@@ -62,6 +62,23 @@ def accuracy(report: Report) -> list[Block]:
             " shown in full."
         )
     return blocks
+
+
+def _linear_accuracy(report: Report) -> str:
+    """Say what a linear train loses by rounding, in a sentence."""
+    lost = max(
+        (
+            abs(float(answer.response.power_defect))
+            for case in report.cases
+            for answer in case.answers
+            if answer.response is not None
+        ),
+        default=0.0,
+    )
+    return (
+        "The train is linear: every order is solved by itself, exactly but for rounding"
+        f" (power not accounted for: {100 * lost:.1g} %)."
+    )
 
 
 def _accuracy(answers: Sequence[Answer]) -> list[str]:
@@ -97,21 +114,23 @@ def notes_of(report: Report) -> list[Block]:
     ]
     sentences += plausibility(report.train)
     sentences += notes(*(answer for case in report.cases for answer in case.answers))
-    return sentences or ["Nothing to note."]
+    return sentences
 
 
 SHOWN = 6  # shares of limits in a sentence
 SECOND_LIMITS = "Second design, against the limits of its scene"
-MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
 def shares_of(cases: Sequence[Case]) -> dict[tuple[str, str], Share]:
     """Find the :class:`~jaxhb.report.text.strength.Share` of every element over all
     cases that are judged.
     """
-    return largest_shares(
-        {case.title: answers_strength(case.answers) for case in cases}
-    )
+    return largest_shares(_strengths(cases))
+
+
+def _strengths(cases: Sequence[Case]) -> dict[str, Strength]:
+    """Judge cases by the limits of their scene at the speeds of their answers."""
+    return {case.title: answers_strength(case.answers) for case in cases}
 
 
 def judged(cases: Sequence[Case], against: str) -> list[str]:
@@ -140,36 +159,39 @@ def judged(cases: Sequence[Case], against: str) -> list[str]:
         f"{against} ({AID}), {count}: {verdict}. Shares, the largest first:"
         f" {'; '.join(listed)}."
     ]
-    return [*sentences, *_above_transient(cases), *reversing(cases)]
+    strengths = _strengths(cases)
+    return [*sentences, *_above_transient(strengths), *reversing(strengths)]
 
 
-def _above_transient(cases: Sequence[Case]) -> list[str]:
+def _above_transient(strengths: Mapping[str, Strength]) -> list[str]:
     """Name the shafts whose stress may not even be passed through, in a list."""
     above = _where(
-        cases,
+        strengths,
         "stresses",
         lambda row: row.transient is not None and np.any(row.stress > row.transient),
     )
     return [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] if above else []
 
 
-def reversing(cases: Sequence[Case]) -> list[str]:
+def reversing(strengths: Mapping[str, Strength]) -> list[str]:
     """Name the meshes with a rated torque whose torque changes its sign, in a list."""
-    names = _where(cases, "tooth_torques", lambda row: np.any(row.reverses))
+    names = _where(strengths, "tooth_torques", lambda row: np.any(row.reverses))
     if not names:
         return []
     return [f"Teeth with a rated torque whose torque changes its sign: {names}."]
 
 
 def _where(
-    cases: Sequence[Case], key: str, holds: Callable[[Any], bool | np.bool_]
+    strengths: Mapping[str, Strength],
+    key: str,
+    holds: Callable[[Any], bool | np.bool_],
 ) -> str:
     """Name the elements and cases where something holds of a row of ``key``."""
     titles_by_name: dict[str, list[str]] = {}
-    for case in cases:
-        for name, row in getattr(answers_strength(case.answers), key).items():
+    for title, strength in strengths.items():
+        for name, row in getattr(strength, key).items():
             if holds(row):
-                titles_by_name.setdefault(name, []).append(case.title)
+                titles_by_name.setdefault(name, []).append(title)
     return "; ".join(
         f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
     )
@@ -203,35 +225,28 @@ def limits(report: Report) -> list[Block]:
     """Judge stresses, tooth torques and heat by the limits of the scene; of misfires
     that which governs each element.
     """
-    strengths = {case.title: answers_strength(case.answers) for case in report.cases}
+    strengths = report.strengths
     normal = report.cases[0].title
     if not strengths[normal]:
-        return [
-            "The scene gives no limits: no diameter of a shaft, no rated_torque of a"
-            " mesh, no power_limit."
-        ]
+        return []
     blocks: list[Block] = []
     for case in report.shown:
         parts = [
             part if isinstance(part, Table) else flowing(part)
             for part in strength_text({"": strengths[case.title]})
         ]
-        new_parts = [part for part in parts if part not in blocks]
+        # The statement of compliance has the notes of the rules.
+        told = [*blocks, *map(flowing, rule_notes(strengths[normal]))]
+        new_parts = [part for part in parts if part not in told]
         blocks += [Heading(f"With {case.title}"), *new_parts]
-    governing = governing_misfires(report.cases)
-    if len(report.cases) > 2 and governing:
+    if len(report.cases) > 2 and not report.is_linear:
         blocks += [Heading("Of all misfires"), governing_table(report.cases)]
-    chosen = (
-        judged_elements(strengths[normal], each=True)[: 2 * MOST]
-        if len(report.rpm) > 1
-        else []
-    )
-    for key, name in chosen:
-        worst = governing.get((key, name))
-        drawn = [normal, worst.case] if worst else [case.title for case in report.shown]
-        blocks.append(
-            limit_figure(
-                {title: strengths[title] for title in drawn}, key, name, report.train
-            )
-        )
     return blocks
+
+
+def rule_notes(strength: Strength) -> list[str]:
+    """Tell of every rule its source, a sentence each."""
+    return [
+        RULES[name].note.format(source=RULES[name].source, rated=strength.rated_rpm)
+        for name in dict.fromkeys(strength.rules.values())
+    ]

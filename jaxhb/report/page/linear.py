@@ -14,7 +14,7 @@ from jaxhb.linear.critical import (
     modes_of,
     shares_in_mode,
 )
-from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
@@ -50,8 +50,6 @@ LOWEST = 60  # natural frequencies of a train of many disks
 TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
 # Modal torque over the largest of the mode below which no table has a critical speed
 NEGLIGIBLE = 0.01
-# Speeds of the linear forced response at least: it costs little and has sharp peaks
-SPEEDS = 201
 
 
 def modes(report: Report) -> list[Block]:
@@ -127,15 +125,8 @@ def forced(report: Report) -> list[Block]:
     orders of those that swing most; of several misfires that which governs each
     element.
     """
-    low = min(report.rpm)
-    high = max(report.rpm)
-    speeds = np.unique(
-        [*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])]
-    )
-    responses = {
-        case.title: forced_response(case.answers[0].train, rpm=speeds)
-        for case in report.cases
-    }
+    speeds = report.fine_rpm
+    responses = report.responses
     normal, first = next(iter(responses.items()))
     elements = readings(first)
     converged = np.asarray(first.converged)

@@ -5,22 +5,25 @@ only importer of plotly.
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
+from jaxhb.report.page.elements import over_the_speed
 from jaxhb.report.page.first_page import compliance, operating_modes, result
 from jaxhb.report.page.judgement import accuracy, limits, notes_of
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import (
+    dampers,
     forces_over_speed,
+    gears,
     motions,
     one_speed,
     second_design,
-    swings,
+    shafts,
     transient,
 )
 from jaxhb.report.page.parts import Block, Report, environment
 from jaxhb.report.page.train import assumptions, train_data
-from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 
 PARTS: dict[str, Callable[[Report], list[Block]]] = {
     "Result": result,
@@ -31,14 +34,12 @@ PARTS: dict[str, Callable[[Report], list[Block]]] = {
     "Natural frequencies": modes,
     "Campbell diagram and critical speeds": campbell,
     "Linear forced response": forced,
+    "Elements over the speed": over_the_speed,
     "Motion over the speed": motions,
     "Tooth forces": forces_over_speed,
-    "Torques of gears": lambda report: swings(gear_torques(report.train), report.shown),
-    "Torques of shafts and dampers": lambda report: swings(
-        (shaft_torques if report.train.topology.link_names else angles)(report.train),
-        report.shown,
-    ),
-    "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
+    "Torques of gears": gears,
+    "Torques of shafts and dampers": shafts,
+    "Heat of dampers": dampers,
     "One speed in full": one_speed,
     "Transient": transient,
     "Limits": limits,
@@ -65,20 +66,41 @@ class Part:
     failed: bool
 
 
-def as_page(report: Report) -> tuple[list[bytes], bool]:
-    """Write the page of a :class:`Report` as the bytes of a file, and tell whether
-    every part of it could be made; scripts, styles and numbers are inside, nothing is
-    loaded when it is opened.
-    """
-    from plotly.offline import get_plotlyjs
+@dataclass(frozen=True)
+class Page:
+    """A page: its report, and the parts that were made of it."""
 
-    parts = parts_of(report, PARTS)
-    text = (
-        environment()
-        .get_template("page.html")
-        .render(parts=parts, report=report, script=get_plotlyjs())
-    )
-    return [text.encode()], not any(part.failed for part in parts)
+    report: Report
+    parts: list[Part]
+
+    @property
+    def whole(self) -> bool:
+        """Whether every part could be made."""
+        return not any(part.failed for part in self.parts)
+
+    def html(self, numbers: Mapping[str, int] = MappingProxyType({})) -> bytes:
+        """Write the page as the bytes of a file, with the ``numbers`` of the pages on
+        which its parts begin, where they are known; scripts, styles and numbers are
+        inside, nothing is loaded when it is opened.
+        """
+        from plotly.offline import get_plotlyjs
+
+        return (
+            environment()
+            .get_template("page.html")
+            .render(
+                parts=self.parts,
+                report=self.report,
+                numbers=numbers,
+                script=get_plotlyjs(),
+            )
+            .encode()
+        )
+
+
+def as_page(report: Report) -> Page:
+    """Make the page of a :class:`Report`."""
+    return Page(report, parts_of(report, PARTS))
 
 
 def parts_of(

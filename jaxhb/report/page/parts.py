@@ -8,8 +8,13 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.figures.plotly import layout_of
@@ -17,6 +22,8 @@ from jaxhb.report.selection import cylinder_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
+from jaxhb.report.text.strength import answers_strength
+from jaxhb.results.answers import with_gaps
 from jaxhb.scene.title_block import TitleBlock
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -29,6 +36,8 @@ None shows nothing.
 """
 
 FULL = 95  # letters of a line of text that goes on in the next
+# Speeds of the linear forced response at least
+SPEEDS = 201
 ROWS = 150  # rows of a table that are shown
 
 
@@ -89,6 +98,44 @@ class Report:
     def has_backlash(self) -> bool:
         """Whether any mesh has backlash; without, the train is linear."""
         return any(self.train.topology.mesh_backlash)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the linear forced response is the whole answer: no mesh has backlash
+        or varies, no shaft or damper has stages, stops, clearance or friction.
+        """
+        topology = self.train.topology
+        return not (self.has_backlash or topology.springs or topology.mesh_varies.any())
+
+    @property
+    def fine_rpm(self) -> np.ndarray:
+        """Speeds of linear calculations, those of the answers among them: they cost
+        little, and peaks are sharp.
+        """
+        low = min(self.rpm)
+        high = max(self.rpm)
+        more = np.linspace(low, high, SPEEDS) if low < high else []
+        return np.unique([*self.rpm, *more])
+
+    @cached_property
+    def responses(self) -> dict[str, ForcedResponse]:
+        """Linear forced response of every case by its title, at ``fine_rpm``."""
+        return {
+            case.title: forced_response(case.answers[0].train, rpm=self.fine_rpm)
+            for case in self.cases
+        }
+
+    @cached_property
+    def strengths(self) -> dict[str, Strength]:
+        """Every case beside the limits of the scene, by its title: a linear train at
+        ``fine_rpm``, others at the speeds of their answers.
+        """
+        if not self.is_linear:
+            return {case.title: answers_strength(case.answers) for case in self.cases}
+        return {
+            title: strength(with_gaps(response), train=train_of(response))
+            for title, response in self.responses.items()
+        }
 
     @property
     def shown(self) -> list[Case]:
