@@ -39,6 +39,10 @@ LETTER = 4.9
 KEY = 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
 
+BESIDE = 76
+BESIDE_NARROW = 58
+"""Pixels left and right of the panels, of a figure as wide as a page and of others."""
+
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
 THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
 # Largest number of an axis in a unit; above it the next of THOUSANDS is taken
@@ -280,10 +284,11 @@ def legend_columns(traces: Iterable[Trace], width: int = WIDTH) -> int:
         for trace in traces
         if trace.get("showlegend", True)
     ]
-    if sum(widths) <= width - 76:
+    room = width - (BESIDE if width == WIDTH else BESIDE_NARROW)
+    if sum(widths) <= room:
         return max(1, len(widths))
     # plotly gives every entry the width of the longest.
-    return max(1, int((width - 76) // max(widths)))
+    return max(1, int(room // max(widths)))
 
 
 def numbers(values: Iterable[float]) -> list[float | None]:

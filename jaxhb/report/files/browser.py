@@ -1,4 +1,4 @@
-"""Pages as PDF, by the browser at hand: the figures of a page are drawn by its script."""
+"""Pages as PDF, by the browser at hand: their script draws the figures."""
 
 import os
 import re

@@ -16,10 +16,11 @@ from jaxhb.report.figures.figure import (
     crosses,
     figure,
     line,
+    motion_line,
     plain,
     speed_range,
 )
-from jaxhb.report.figures.speeds import limit_figure, over_speed
+from jaxhb.report.figures.speeds import limit_figure
 from jaxhb.report.page.parts import Block, Report
 from jaxhb.report.text.strength import LIMITED, largest_shares
 from jaxhb.results.quantities import VIBRATIONS
@@ -29,9 +30,10 @@ from jaxhb.train.drivetrain import DriveTrain
 
 MOST = 60  # elements that are drawn
 # Pixels of a panel, of a figure, and below a panel: two stand side by side
-HEIGHT = 110
-WIDTH = 336
-BELOW = 40
+HEIGHT = 100
+WIDTH = 334
+BELOW = 38
+BESIDE = 8
 INSTEAD = ("stresses", "tooth_torques")
 """Kinds of limits whose figure stands for that of the torque of an element."""
 
@@ -61,7 +63,10 @@ def over_the_speed(report: Report) -> list[Block]:
     remark = (
         f"Linear forced response at {len(report.fine_rpm)} speeds."
         if report.is_linear
-        else f"At {len(report.rpm)} speeds."
+        else (
+            f"At {len(report.rpm)} speeds, with backlash; symbols tell the kind of"
+            " motion as in the figure of motions over the speed."
+        )
     )
     if len(report.cases) > 2:
         remark += " Of the misfires that which governs the element is drawn."
@@ -171,14 +176,22 @@ def _figures_of(report: Report, seat: Seat) -> Iterator[Figure]:
         judged = {title: strengths[title] for title in titles}
         made = limit_figure(judged, key, seat.name, report.train)
         of_torque = of_torque and key not in INSTEAD
-        yield _small(made)
+        yield _small(made, LIMITED[key].called)
     if of_torque:
         yield _small(_torque(report, seat))
 
 
-def _small(large: Figure) -> Figure:
-    """Make a figure small, so that two stand side by side."""
-    return dataclasses.replace(large, height=HEIGHT, width=WIDTH, bottom=BELOW)
+def _small(large: Figure, called: str = "") -> Figure:
+    """Make a figure small, so that two stand side by side; legends leave out what was
+    ``called`` in the caption.
+    """
+    traces = [
+        trace | {"name": trace["name"].removeprefix(f"{called}, ")}
+        for trace in large.traces
+    ]
+    return dataclasses.replace(
+        large, traces=traces, height=HEIGHT, width=WIDTH, bottom=BELOW, right=BESIDE
+    )
 
 
 def _torque(report: Report, seat: Seat) -> Figure:
@@ -188,19 +201,36 @@ def _torque(report: Report, seat: Seat) -> Figure:
         misfires = [case.title for case in report.cases[1:]]
         titles.append(max(misfires, key=lambda title: _size(report, title, seat)))
     quantity = seat.quantity
-    caption = f"{seat.called}: {quantity.small_title}, {quantity.unit}"
+    called = quantity.small_title
+    if quantity.entry.statistic == "half_peak_to_peak":
+        called = f"{quantity.called}, half peak-to-peak"
+    caption = f"{seat.called}: {called}, {quantity.unit}"
+    axis = f"{quantity.called}, {quantity.unit}"
     if not report.is_linear:
         cases = [case for case in report.cases if case.title in titles]
-        return over_speed(quantity, [seat.name], cases, caption)
+        lines = [
+            motion_line(
+                case.answers,
+                quantity.of(case.answers, seat.name),
+                plain(case.title),
+                2 * number,
+                hollow=number > 0,
+            )
+            for number, case in enumerate(cases)
+        ]
+        missing = {
+            answer.place
+            for case in cases
+            for answer in case.answers
+            if not answer.answered
+        }
+        lines += crosses(sorted(missing))
+        return figure(caption, Axis("speed, rpm", speed_range(report.rpm)), axis, lines)
     rpm = report.fine_rpm
     traces = [
         line(rpm, _values(report, title, seat), plain(title), number)
         for number, title in enumerate(titles)
     ]
     converged = np.asarray(report.responses[titles[0]].converged)
-    return figure(
-        caption,
-        Axis("speed, rpm", speed_range(rpm)),
-        f"{quantity.called}, {quantity.unit}",
-        [*traces, *crosses(rpm[~converged])],
-    )
+    traces += crosses(rpm[~converged])
+    return figure(caption, Axis("speed, rpm", speed_range(rpm)), axis, traces)

@@ -34,7 +34,7 @@ def accuracy(report: Report) -> list[Block]:
     bounds.
     """
     if report.is_linear:
-        return [_linear_accuracy(report)]
+        return []  # the part on assumptions has it
     blocks: list[Block] = [
         Table(
             "Harmonic balance, the largest of all speeds: residual of its equations,"
@@ -64,8 +64,12 @@ def accuracy(report: Report) -> list[Block]:
     return blocks
 
 
-def _linear_accuracy(report: Report) -> str:
-    """Say what a linear train loses by rounding, in a sentence."""
+def linear_accuracy(report: Report) -> list[str]:
+    """Say what a linear train loses by rounding, in a sentence in a list; empty for
+    other trains.
+    """
+    if not report.is_linear:
+        return []
     lost = max(
         (
             abs(float(answer.response.power_defect))
@@ -75,10 +79,10 @@ def _linear_accuracy(report: Report) -> str:
         ),
         default=0.0,
     )
-    return (
-        "The train is linear: every order is solved by itself, exactly but for rounding"
-        f" (power not accounted for: {100 * lost:.1g} %)."
-    )
+    return [
+        "Every order is solved by itself, exactly but for rounding (power not accounted"
+        f" for: {100 * lost:.1g} %)."
+    ]
 
 
 def _accuracy(answers: Sequence[Answer]) -> list[str]:

@@ -3,11 +3,12 @@ only importer of plotly.
 """
 
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.elements import over_the_speed
 from jaxhb.report.page.first_page import compliance, operating_modes, result
 from jaxhb.report.page.judgement import accuracy, limits, notes_of
@@ -22,8 +23,9 @@ from jaxhb.report.page.motion import (
     shafts,
     transient,
 )
-from jaxhb.report.page.parts import Block, Report, environment
+from jaxhb.report.page.parts import Block, Heading, Report, environment
 from jaxhb.report.page.train import assumptions, train_data
+from jaxhb.report.table import Table
 
 PARTS: dict[str, Callable[[Report], list[Block]]] = {
     "Result": result,
@@ -53,17 +55,28 @@ list of blocks (words, headings, tables, figures), an empty one where the part d
 concern the train.
 """
 
+KEEP = '<div class="keep">'
+LONG = 16  # rows of a table that may go on on the next page
+
 
 @dataclass(frozen=True)
 class Part:
-    """A part of the page: its HTML, the blocks that it is made of, and whether it could
+    """A part of the page: its HTML, of which the ``first`` stays on the page of the
+    title unless it is ``long``, the blocks that it is made of, and whether it could
     not be made.
     """
 
     title: str
-    html: str
+    first: str
+    rest: str
     blocks: list[Block]
     failed: bool
+    long: bool = False
+
+    @property
+    def html(self) -> str:
+        """All of it."""
+        return self.first + self.rest
 
 
 @dataclass(frozen=True)
@@ -116,7 +129,8 @@ def parts_of(
         failed = False
         try:
             blocks = gather(report)
-            html = "".join(map(show, blocks))
+            groups = together(list(filter(None, blocks)))
+            texts = ["".join(map(show, group)) for group in groups]
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             reason = f"{kind}{error}"
@@ -125,7 +139,46 @@ def parts_of(
             )
             blocks = [f"This part could not be made: {reason}"]
             failed = True
-            html = show(blocks[0])
+            groups = [blocks]
+            texts = [show(blocks[0])]
         if blocks:
-            parts.append(Part(title, html, blocks, failed))
+            rest = (
+                text if len(group) == 1 or is_long(group) else f"{KEEP}{text}</div>"
+                for group, text in zip(groups[1:], texts[1:], strict=True)
+            )
+            first = Part(title, texts[0], "".join(rest), blocks, failed)
+            parts.append(replace(first, long=is_long(groups[0])))
     return parts
+
+
+def is_long(group: Sequence[Block]) -> bool:
+    """Tell whether blocks may fill a page: they end with a long table."""
+    last = group[-1]
+    return isinstance(last, Table) and len(last.columns[0]) >= LONG
+
+
+def together(blocks: Sequence[Block]) -> list[list[Block]]:
+    """Group blocks that stay on one page: headings with what they stand above, the words
+    with which a part begins with a figure behind them, and two narrow figures.
+
+    >>> together([Heading("a"), "b", "c"])
+    [['a', 'b'], ['c']]
+    """
+    groups: list[list[Block]] = []
+    goes_on = False
+    for place, block in enumerate(blocks):
+        if goes_on:
+            groups[-1].append(block)
+        else:
+            groups.append([block])
+        behind = blocks[place + 1] if place + 1 < len(blocks) else None
+        if isinstance(block, Figure) and block.narrow:
+            narrow = sum(isinstance(each, Figure) for each in groups[-1])
+            follows = isinstance(behind, Figure) and behind.narrow
+            goes_on = follows and narrow % 2 == 1
+        else:
+            begins = place == 0 and type(block) is str
+            goes_on = isinstance(block, Heading) or (
+                begins and isinstance(behind, Figure | Heading)
+            )
+    return groups

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,10 @@ class Heading(str):
 
 class Sketch(str):
     """A block of a part: the sketch of the train as SVG."""
+
+
+class Strip(str):
+    """A block of a part: a strip of the equivalent system as SVG."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,34 @@ def table(
     return Table(title, [Column(head, cell) for head in heads], rows) if rows else None
 
 
+def without(table: Table, heads: Collection[str] = (), rows: int = ROWS) -> Table:
+    """Leave out the columns of a table with some heads and those of zeros only, and
+    all rows behind the first ``rows``.
+    """
+    groups = {
+        place: title
+        for title, first, last in table.groups
+        for place in range(first, last + 1)
+    }
+    kept = [
+        place
+        for place, (head, cells) in enumerate(
+            zip(table.heads, table.columns, strict=True)
+        )
+        if head not in heads and not all(cell == "0" for cell in cells)
+    ]
+    columns = [
+        Column(
+            table.heads[place],
+            group=groups.get(place, ""),
+            left=place in table.left,
+        )
+        for place in kept
+    ]
+    cells = [table.columns[place][:rows] for place in kept]
+    return Table(table.caption, columns, zip(*cells, strict=True), marked=table.marked)
+
+
 def flowing(text: str) -> str:
     """Join lines that are full with the next: the page breaks them where it likes.
 
@@ -201,7 +233,13 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.filters |= {"words": _words, "css": _css_text, "layout": layout_of}
-    kinds = {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}
+    kinds = {
+        "table": Table,
+        "drawn": Figure,
+        "heading": Heading,
+        "sketch": Sketch,
+        "strip": Strip,
+    }
     for name, kind in kinds.items():
         templates.tests[name] = lambda block, kind=kind: isinstance(block, kind)
     templates.globals |= {"most": ROWS}
