@@ -38,9 +38,12 @@ class SceneOptions(CommonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ChangedOptions(CommonOptions):
-    """Values of the scene that a command changes."""
+    """Values of the scene that a command changes, and the units in which it shows
+    quantities, by their names.
+    """
 
     set: tuple[Setting, ...]
+    units: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,16 +116,27 @@ class SpectraOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(ComputedOptions):
-    """Options of ``jaxhb check``."""
+    """Options of ``jaxhb check``; ``excitation`` is the cylinder whose tangential
+    pressures are asked for, at ``loads``, none for its own.
+    """
 
     rpm: list[float] | None
+    excitation: str | None
+    loads: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModesOptions(ComputedOptions):
-    """Options of ``jaxhb modes``."""
+    """Options of what takes modes."""
 
     at: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeOptions(ModesOptions):
+    """Options of ``jaxhb modes``."""
+
+    vector_sums: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,10 +158,13 @@ class CampbellOptions(ModesOptions, FiringOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcedOptions(ComputedOptions, FiringOptions, SpectraOptions):
-    """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
+    """Options of ``jaxhb forced``; ``element`` are those told speed by speed, and with
+    ``by_cylinder`` by what each cylinder adds.
+    """
 
     rpm: list[float]
     element: tuple[str, ...]
+    by_cylinder: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +187,7 @@ class SweepOptions(
     rpm: list[float]
     direction: Literal["up", "down", "both"] | None
     full: bool
-    over: tuple[str, list[float]] | None
+    over: tuple[str, list[float] | list[str]] | None
     folder: str | None
     chunk: int
 

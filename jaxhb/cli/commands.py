@@ -51,7 +51,7 @@ from jaxhb.report.transients import (
 from jaxhb.report.value_sweep import answer_values
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.solutions.misfires import alike
-from jaxhb.train.changes import scene_values
+from jaxhb.train.changes import numbers_in_si, scene_values
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.transients.transient import Speed, transient as march_transient
 
@@ -375,7 +375,8 @@ def sweep(train: DriveTrain, arguments: cli.SweepOptions) -> int:
     axis = SPEED
     values = rpm
     if arguments.over:
-        name, values = arguments.over
+        name, written = arguments.over
+        values = numbers_in_si(train, name, written)
         axis = SweepAxis(name, parameter_unit(train, name))
         # What is refused is refused before anything is computed or written.
         for value in values:

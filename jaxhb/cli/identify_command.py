@@ -25,11 +25,11 @@ from jaxhb.report.text.identified import (
 )
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, copies_beside
-from jaxhb.train.changes import scene_values
+from jaxhb.train.changes import numbers_in_si, scene_values
 from jaxhb.train.drivetrain import DriveTrain
 
-Bounds = tuple[str, tuple[float, float]]
-"""``NAME.FIELD`` and its bounds."""
+Bounds = tuple[str, tuple[float | str, float | str]]
+"""``NAME.FIELD`` and its bounds, numbers or numbers with a unit."""
 
 
 def identify(train: DriveTrain, arguments: cli.IdentifyOptions) -> int:
@@ -78,7 +78,8 @@ def _parameters(
     deviations are priors.
     """
     tolerances = [] if fit else read_tolerances(train)
-    bounds = fit or [(row.name, (row.low, row.high)) for row in tolerances]
+    written = fit or [(row.name, (row.low, row.high)) for row in tolerances]
+    bounds = [(name, numbers_in_si(train, name, ends)) for name, ends in written]
     parameters = [
         Parameter(name=name, low=low, high=high, scale="log" if low > 0 else "linear")
         for name, (low, high) in bounds

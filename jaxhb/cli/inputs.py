@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from jaxhb.cli import arguments as cli
+from jaxhb.elements.units import Shown, chosen_units
 from jaxhb.report.files import output
 from jaxhb.report.files.formats import FORMATS
 from jaxhb.scene.files import load_scene, scene_description, scene_names
@@ -102,6 +103,16 @@ def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
     if computed and computed.viscous is not None:
         train = train.with_viscous_damping(hz=computed.viscous)
     return train
+
+
+def shown_units(
+    arguments: cli.ChangedOptions, train: DriveTrain | None
+) -> dict[str, Shown]:
+    """Units in which a command shows quantities: of the scene, and of ``--units``
+    before those; ``train`` is one of the scene, if there is one already.
+    """
+    train = load_scene(arguments.scene) if train is None else train
+    return chosen_units(train.report_units | dict(arguments.units or {}))
 
 
 def check_files(

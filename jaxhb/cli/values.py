@@ -5,7 +5,8 @@ what is wrong.
 import math
 from functools import partial
 
-from jaxhb.train.speeds import read_speeds
+from jaxhb.elements.units import chosen_units, has_unit, split
+from jaxhb.train.speeds import read_speeds, with_units
 
 RANGE_COUNT = 33  # speeds of a range that has no count
 
@@ -75,10 +76,12 @@ count = partial(whole, least=0)
 
 
 def setting(text: str) -> tuple[str, float | str]:
-    """``(NAME.FIELD, VALUE)``, the value a number or a word."""
+    """``(NAME.FIELD, VALUE)``, the value a number, a number with a unit, or a word."""
     key, equals, word = text.rpartition("=")
     value = _number(word)
     word = word.strip()
+    if equals and has_unit(word):
+        return key.strip(), word
     if not equals or not word:
         raise ValueError(
             f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"'
@@ -87,19 +90,36 @@ def setting(text: str) -> tuple[str, float | str]:
     if math.isnan(value) and not is_word:
         raise ValueError(
             f"{text!r}: {word} is not a number; values are numbers in SI units,"
-            " such as 3.6e4"
+            " such as 3.6e4, or with a unit, such as 36 kN m/rad"
         )
     return key.strip(), word if math.isnan(value) else value
 
 
-def bounded(text: str) -> tuple[str, tuple[float, float]]:
-    """``(NAME.FIELD, (LOW, HIGH))`` from ``NAME.FIELD=LOW:HIGH``."""
+def units(text: str) -> dict[str, str]:
+    """Units of quantities from ``QUANTITY=UNIT,...``."""
+    pairs = [word.partition("=") for word in text.split(",")]
+    if not all(equals and unit.strip() for _, equals, unit in pairs):
+        raise ValueError(
+            f'{text!r} is not QUANTITY=UNIT,..., as "torque=kN m,angle=mrad"'
+        )
+    by_quantity = {quantity.strip(): unit.strip() for quantity, _, unit in pairs}
+    chosen_units(by_quantity)
+    return by_quantity
+
+
+def bounded(text: str) -> tuple[str, tuple[float | str, float | str]]:
+    """``(NAME.FIELD, (LOW, HIGH))`` from ``NAME.FIELD=LOW:HIGH``; ends with a unit stay
+    texts.
+    """
     key, equals, words = text.rpartition("=")
-    ends = [_number(word) for word in words.split(":")]
+    ends_with_units = with_units(words.split(":"))
+    ends = [_number(split(word)[0]) for word in ends_with_units]
     if not equals or len(ends) != 2 or not ends[0] < ends[1]:
         raise ValueError(
             f'{text!r} is not NAME.FIELD=LOW:HIGH, as "cyl6|flywheel.stiffness=1e6:4e6"'
         )
+    if has_unit(ends_with_units[0]):
+        return key.strip(), (ends_with_units[0], ends_with_units[1])
     return key.strip(), (ends[0], ends[1])
 
 

@@ -6,9 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.design.quantities import Objective, Parameter, Penalty
+from jaxhb.design.quantities import (
+    OF_DESIGN,
+    QUANTITIES,
+    Objective,
+    Parameter,
+    Penalty,
+    unit_of,
+)
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.units import Refused, si_number
 from jaxhb.elements.values import number_like
+from jaxhb.train.changes import in_si
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import read_speeds
 
@@ -40,7 +49,7 @@ def read_table(
         raise SceneError(
             f"{title}: 'tune' is a list of tables, must be one. Write [tune]."
         )
-    table = table | (instead or {})
+    table = _in_si(train, table | (instead or {}))
     faults = []
     keys = ["rpm", *WORDS, *_KINDS, *_ROWS]
     faults += [
@@ -67,6 +76,43 @@ def read_table(
     return arguments | {
         key: _hashable(table[key]) for key in (*WORDS, *_KINDS) if key in table
     }
+
+
+def _in_si(train: DriveTrain, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table with numbers for texts with units: bounds in the unit of the parameter
+    that they bound, limits in that of their quantity, speeds in rpm.
+    """
+    read = dict(table)
+    speeds = table.get("rpm")
+    if isinstance(speeds, list):
+        read["rpm"] = [si_number(speed, "rpm") for speed in speeds]
+    if "tolerance" in table:
+        read["tolerance"] = si_number(table["tolerance"], "")
+    for key, bounds in (("parameter", ("low", "high")), ("penalty", ("most", "least"))):
+        rows = table.get(key)
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            continue
+        read[key] = [
+            row
+            | {
+                bound: _bound_in_si(train, row, row[bound])
+                for bound in bounds
+                if bound in row
+            }
+            for row in rows
+        ]
+    return read
+
+
+def _bound_in_si(train: DriveTrain, row: Mapping[str, Any], value: Any) -> Any:
+    """A bound of a parameter, or a limit of a quantity, in its unit."""
+    name = row.get("name")
+    if isinstance(name, str):
+        return in_si(train.topology, {name: value})[name]
+    quantity = row.get("quantity")
+    if isinstance(quantity, str) and quantity in (*QUANTITIES, *OF_DESIGN):
+        return si_number(value, unit_of(quantity))
+    return value
 
 
 def _hashable(value: Any) -> Any:
@@ -126,6 +172,8 @@ def _kind_faults(value: Any, kind: type) -> list[str]:
             "a list of numbers",
         ),
     }[kind]
+    if isinstance(value, Refused):
+        return [f"is {shown(value)}, {value.why}"]
     return [] if is_of_kind else [f"is {shown(value)}, must be {words}."]
 
 

@@ -14,7 +14,9 @@ from jaxhb._jax import Array, Number, namespace
 from jaxhb.design.quantities import Objective, own_value
 from jaxhb.design.task import Task
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.units import Refused, si_number
 from jaxhb.elements.values import number_like
+from jaxhb.train.changes import in_si
 from jaxhb.train.drivetrain import DriveTrain
 
 # Standard deviations to either side that the range of a ``std`` spans: 99.7 % of all
@@ -131,6 +133,14 @@ def _tolerance(
         faults.append(f"together is {shown(together)}, must be a list of 'NAME.FIELD'.")
         together = []
     value = entry[key]
+    if key == "share":
+        value = si_number(value, "")
+    else:
+        value = in_si(train.topology, {name: value})[name]
+    for number in value if isinstance(value, list) else [value]:
+        if isinstance(number, Refused):
+            faults.append(f"{key} is {shown(number)}, {number.why}")
+            return None
     nominal = own_value(train, name, NUMBERS_ONLY, faults)
     if key == "range":
         if not (

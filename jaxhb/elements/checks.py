@@ -16,11 +16,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from jaxhb.elements.declared import HARMONICS, fields_of, table_of
+from jaxhb.elements.declared import HARMONICS, fields_of, fields_of_class, table_of
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
+from jaxhb.elements.units import si_value
 from jaxhb.elements.value_checks import TOGETHER
 from jaxhb.elements.values import field_errors, is_list, joined, row_errors
 
@@ -48,6 +49,10 @@ def read_scenarios(
         for index, element_name in enumerate(parts.names[table])
         if isinstance(element_name, str)
     }
+    by_name = {
+        name: {key: _in_si(places, key, value) for key, value in values.items()}
+        for name, values in by_name.items()
+    }
     near = Suggestions(places)
     errors = [
         f"{parts.source}, [scenario.{cut(name)}]: {text}"
@@ -56,6 +61,19 @@ def read_scenarios(
         for text in _scenario_errors(parts, places, near, key, value)
     ]
     return by_name, errors
+
+
+def _in_si(places: Mapping[str, tuple[str, int]], key: str, value: Any) -> Any:
+    """A value of a scenario, with a unit in the unit of its field."""
+    name, _, field = key.rpartition(".")
+    outer, _, inner = name.rpartition(".")
+    cls = TABLES[places[name][0]] if name in places else None
+    if cls is None and outer in places:
+        cls = INNER.get(inner)
+    declared = None if cls is None else fields_of_class(cls).get(field)
+    if cls is None or declared is None:
+        return value
+    return si_value(cls, declared, value)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -151,7 +169,7 @@ def _number_errors(
     fields = {
         declared.name: declared
         for declared in dataclasses.fields(cls)
-        if declared.metadata["kind"] in kinds
+        if declared.metadata["kind"] in kinds or declared.name == "gd2"
     }
     if field not in fields:
         return [f"{holder} has no number {shown(field)}.{suggestion(field, fields)}"]

@@ -64,10 +64,18 @@ def declared(kind: str, default: Any = REQUIRED, **metadata: Any) -> Any:
 
 
 def quantity(
-    unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits: Any
+    unit: str,
+    default: Any = REQUIRED,
+    *,
+    kind: str = "number",
+    weight: bool = False,
+    **limits: Any,
 ) -> Any:
-    """Declare a number in a unit, within the ``limits`` of a :class:`Range`."""
-    return declared(kind, default, range=Range(unit=unit, **limits))
+    """Declare a number in a unit, within the ``limits`` of a :class:`Range`.
+
+    weight : whether people write its mass as a weight, kgf for kg
+    """
+    return declared(kind, default, range=Range(unit=unit, **limits), weight=weight)
 
 
 def positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
@@ -90,9 +98,9 @@ def choice(default: str, *words: str) -> Any:
     return declared("choice", default, words=(default, *words))
 
 
-def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
-    """Declare a table of numbers with these columns."""
-    return declared("rows", default, columns=columns)
+def rows(columns: tuple[str, ...], default: Any = (), *, unit: str = "") -> Any:
+    """Declare a table of numbers with these columns, those of their size in a ``unit``."""
+    return declared("rows", default, columns=columns, unit=unit)
 
 
 LARGEST = 1e60  # of any number, in SI units: products of five stay finite
@@ -104,7 +112,10 @@ OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
 OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 HARMONICS = ("order", "Re", "Im")
 LINES = ("Hz", "Re", "Im")
+BLADE_ORDERS = ("multiple", "share", "phase")
 PRESSURE = ("angle", "pressure")
+COSINES = ("order", "imep", "cosine", "sine")
+AMPLITUDES = ("order", "imep", "amplitude", "phase")
 OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
 SN_CURVE = ("cycles", "stress")
@@ -122,6 +133,12 @@ def fields_of(element: Any) -> tuple[dataclasses.Field, ...]:
 @cache
 def _fields_of_class(cls: Any) -> tuple[dataclasses.Field, ...]:
     return dataclasses.fields(cls)
+
+
+@cache
+def fields_of_class(cls: type) -> dict[str, dataclasses.Field]:
+    """Declared fields of a class of elements by their names."""
+    return {field.name: field for field in _fields_of_class(cls)}
 
 
 class Unread:

@@ -1,8 +1,8 @@
-"""Numbers of links that follow from others: stiffness from dimensions, damping from a
-magnifier or a damping ratio.
+"""Numbers that follow from others: stiffness of links from dimensions, damping from a
+magnifier or a damping ratio, inertia of disks from their flywheel effect.
 
-Solves read stiffness and damping alone. The numbers that they follow from are stored
-beside them, and :meth:`DriveTrain.replace` changes both together.
+Solves read inertia, stiffness and damping alone. The numbers of links that these follow
+from are stored beside them, and :meth:`DriveTrain.replace` changes both together.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from jaxhb._jax import Number
-from jaxhb.elements.elements import Damper, Mesh, Shaft
+from jaxhb.elements.elements import Damper, Disk, Mesh, Shaft
 
 LINKS = ("shaft", "damper", "mesh")  # tables of links in the order of their numbers
 DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
@@ -84,11 +84,22 @@ def viscous_damping(
     return stiffness * share / (2.0 * math.pi * hz)
 
 
-def completed(link: Shaft | Damper | Mesh) -> Shaft | Damper | Mesh:
-    """A sound link with the stiffness and the damping that follow from its other
-    keys.
+def inertia_of(gd2: Number) -> Number:
+    """Moment of inertia in kg m2 of a flywheel effect GD2 in kg m2, mass times the
+    square of twice the radius of gyration: a quarter of it.
+    """
+    return gd2 / 4
+
+
+def completed(link: Disk | Shaft | Damper | Mesh) -> Disk | Shaft | Damper | Mesh:
+    """A sound disk or link with the inertia, the stiffness and the damping that follow
+    from its other keys.
     """
     values: dict[str, Any] = {}
+    if isinstance(link, Disk):
+        if link.gd2 is not None:
+            values["inertia"] = inertia_of(link.gd2)
+        return dataclasses.replace(link, **values)
     stiffness: Number | None = link.stiffness
     if isinstance(link, Shaft) and link.outer is not None:
         # A sound shaft with an outer diameter has the other dimensions as well.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
+    BLADE_ORDERS,
     DAMPING_OVER_RPM,
     HARMONICS,
     OVER_AMPLITUDE,
@@ -46,12 +47,16 @@ class Disk:
     ``damping_over_rpm`` = rows of (rpm of the reference rotor, N m s/rad), in the place
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
-    (:mod:`jaxhb.train.varying`).
+    (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
+    in the place of ``inertia``, which is a quarter of it.
     """
 
     name: str = declared("name")
-    inertia: float = not_negative(
-        "kg m2", remedy="0 is allowed and is condensed exactly."
+    inertia: float | None = not_negative(
+        "kg m2", None, remedy="0 is allowed and is condensed exactly."
+    )
+    gd2: float | None = quantity(
+        "kg m2", None, kind="shorthand", weight=True, least=0.0
     )
     radius: float | None = positive(
         "m", None, "Leave the key out for a disk that is no gear."
@@ -184,9 +189,9 @@ class Mesh(Link):
     law: str = choice("", "fridman2009")
     rated_torque: float | None = positive("N m", None)
     stiffness_orders: tuple = rows(HARMONICS)
-    transmission_error: tuple = rows(HARMONICS)
-    first_gear_error: tuple = rows(HARMONICS)
-    second_gear_error: tuple = rows(HARMONICS)
+    transmission_error: tuple = rows(HARMONICS, unit="m")
+    first_gear_error: tuple = rows(HARMONICS, unit="m")
+    second_gear_error: tuple = rows(HARMONICS, unit="m")
     phase: float = quantity("deg", 0.0)
     stiffness_table: tuple = rows(("share", "stiffness"))
     contact_ratio: float | None = quantity(
@@ -255,7 +260,9 @@ class Load:
     ``share`` is that of its torque, on its own shaft, relative to the shares of other
     loads. ``harmonics`` make the torque pulsate, as the blades of a propeller and the
     pistons of a pump do: rows of (order of its own rotor, Re, Im), so that it is its
-    mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+    mean x (1 + sum Re((Re + i Im) exp(i order theta))). Instead of these, ``blades``
+    and ``blade_orders`` = rows of (multiple, share, phase deg) make it its mean x (1 +
+    sum share cos(multiple x blades x theta + phase)).
 
     Transients with a free speed read the law of its torque over the speed n of the
     reference rotor: with ``law`` and ``rated_torque`` T at ``rated_rpm`` N it takes T
@@ -268,6 +275,8 @@ class Load:
     disk: str = declared("disk")
     share: float = positive("", 1.0, "Leave out the load that takes no share.")
     harmonics: tuple = rows(HARMONICS)
+    blades: int | None = quantity("", None, kind="count", least=1.0, most=1000.0)
+    blade_orders: tuple = rows(BLADE_ORDERS)
     law: str = choice("", *LOAD_LAWS)
     rated_torque: float | None = positive("N m", None)
     rated_rpm: float | None = positive("rpm", None)

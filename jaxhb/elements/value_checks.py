@@ -23,6 +23,7 @@ from jaxhb.elements.elements import (
 )
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.blades import blade_errors
 from jaxhb.elements.rules import RULES
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
@@ -88,8 +89,16 @@ def _twice_errors(element: Any, name: str, *others: str) -> list[str]:
 
 
 def disk_errors(disk: Disk) -> list[str]:
-    """Check that a disk has one damping."""
-    return _over_rpm_errors(disk) + _twice_errors(disk, "damping_over_rpm", "damping")
+    """Check that a disk has one inertia and one damping."""
+    texts = _over_rpm_errors(disk) + _twice_errors(disk, "damping_over_rpm", "damping")
+    if disk.inertia is None and disk.gd2 is None:
+        texts.append(
+            "the key 'inertia' is missing. Give at least 0 kg m2, or gd2, four times"
+            " as much."
+        )
+    elif disk.inertia is not None and disk.gd2 is not None:
+        texts.append("inertia and gd2 are both given. Keep one of them.")
+    return texts
 
 
 def ground_errors(ground: Ground) -> list[str]:
@@ -472,6 +481,11 @@ def _curve_errors(shaft: Shaft) -> list[str]:
 
 
 def load_errors(load: Load) -> list[str]:
+    """Check the blades of a load, and its law over the speed."""
+    return blade_errors(load) + _law_errors(load)
+
+
+def _law_errors(load: Load) -> list[str]:
     """Check that a load has one law over the speed, with all that it needs."""
     rated = {"rated_torque in N m": load.rated_torque, "rated_rpm": load.rated_rpm}
     present = [key.split()[0] for key, value in rated.items() if value is not None]

@@ -15,6 +15,7 @@ import numpy as np
 from jaxhb._jax import traced
 from jaxhb.elements.declared import LARGEST, SMALLEST, Unread, fields_of
 from jaxhb.elements.sentences import MOST_SENTENCES, shown, suggestion
+from jaxhb.elements.units import Refused
 from jaxhb.excitation import gas
 
 
@@ -164,6 +165,8 @@ def value_errors(field: dataclasses.Field, value: Any) -> list[str]:
     remedy = ""
     unit = f" {limits.unit}" if limits.unit else ""
     number = float(value) if number_like(value) else math.nan
+    if isinstance(value, Refused):
+        return [f"{field.name} is {shown(value)}, {value.why}"]
     if not number_like(value) and traced(value):
         remedy_outside = (
             "build the train outside, and change it there by train.replace, whose"
@@ -204,9 +207,21 @@ def numbers_errors(name: str, columns: Sequence[str], value: Any) -> list[str]:
     """Check a list of numbers that is no table."""
     if not row_errors(name, columns, [value]):
         return []
+    refused = _refused_cells(columns, value)
+    if refused:
+        return [f"{name}: {text}" for text in refused]
     header = ", ".join(columns)
     text = f"{name} is {shown(value)}, must be {len(columns)} numbers [{header}]"
     return [f"{text}, at most {LARGEST:g} in size."]
+
+
+def _refused_cells(columns: Sequence[str], row: Any) -> list[str]:
+    """Sentences on the numbers of a row whose units do not fit."""
+    return [
+        f"{column} is {shown(cell)}, {cell.why}"
+        for column, cell in zip(columns, row if is_list(row) else (), strict=False)
+        if isinstance(cell, Refused)
+    ]
 
 
 def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
@@ -217,6 +232,9 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
     if not is_list(rows):
         return [f"{name} is {shown(rows)}, must be a list of rows [{header}]."]
     for i, row in enumerate(rows):
+        refused = _refused_cells(columns, row)
+        if refused:
+            return [f"{name}, row {i + 1}: {text}" for text in refused]
         if not (
             is_list(row)
             and len(row) == len(columns)
@@ -232,7 +250,8 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
                 f" most {LARGEST:g} in size."
             ]
     first = [float(row[0]) for row in rows]
-    if columns[0] == "torque":  # terms of a sum, in any order
+    # Terms of a sum, in any order, and tables over two quantities
+    if columns[0] == "torque" or columns[:2] == ("order", "imep"):
         return []
     if columns[0] in ("order", "Hz"):
         order, unit = ("order", "") if columns[0] == "order" else ("frequency", " Hz")

@@ -14,20 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jaxhb.elements.sentences import SceneError, shown
+from jaxhb.elements.units import OFTEN, UnitError, factor, is_unit
 
 SEPARATORS = ",", ";", "\t"
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """Number whose comma may be that of decimals or of thousands."""
-_FOREIGN = {
-    "pressure": ("bar", "mbar", "hpa", "kpa", "mpa", "psi"),
-    "angle": ("rad", "mrad"),
-    "twist": ("rad", "mrad"),
-    "hz": ("rpm", "rad"),
-}
-"""Units that the head of a column may name and that are not those of its numbers."""
-_UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
+_UNIT_OF_HEAD = re.compile(r"(.*?)(?:\s*[\[(]([^\])]*)[\])]|\s+in\s+(\S.*))\s*")
+_CRANK_ANGLE = re.compile(r"(?:°|deg\.?)\s*(?:CA|CRA|KW)\b")
 
 
 def guarded(text: str) -> str:
@@ -104,14 +99,32 @@ def read_csv(
     return CsvText(lines, separator, _decimal_mark(lines, source, quoted))
 
 
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Name and unit of the head of a column, no unit where it has none in brackets or
+    behind "in".
+
+    >>> name_and_unit("pressure [bar]"), name_and_unit("angle in deg")
+    (('pressure', 'bar'), ('angle', 'deg'))
+    """
+    match = _UNIT_OF_HEAD.fullmatch(head)
+    if not match:
+        return head, ""
+    return match[1], _CRANK_ANGLE.sub("deg", (match[2] or match[3] or "").strip())
+
+
 def number_rows(
-    text: str, columns: Sequence[str], source: str, *, quoted: bool = True
+    text: str,
+    columns: Sequence[str],
+    source: str,
+    *,
+    units: Sequence[str] = (),
+    quoted: bool = True,
 ) -> tuple:
     """Rows of a table of numbers, in the order of ``columns`` whatever the order of the
-    heads.
+    heads, and in their ``units`` where heads name others.
 
-    Arguments are those of :func:`read_csv`; :class:`SceneError` on the first line that
-    is no row.
+    Other arguments are those of :func:`read_csv`; :class:`SceneError` on the first line
+    that is no row.
     """
     table = read_csv(text, source, columns=len(columns), quoted=quoted)
     lines = [
@@ -123,13 +136,20 @@ def number_rows(
         len(lines),
     )
     heads = [line for line in lines[:first] if len(line.cells) == len(columns)]
-    places = _places(heads, columns, source)
+    places = _places(heads, columns)
+    units = units or ("",) * len(columns)
+    scales = _scales(heads, columns, units, places, source, quoted)
     rows = []
     for line in lines[first:]:
         if len(line.cells) != len(columns) or not all(map(table.is_number, line.cells)):
             raise SceneError(_no_row(table, line, columns, source, quoted))
         numbers = [table.number(cell) for cell in line.cells]
-        rows.append(tuple(numbers[place] for place in places))
+        rows.append(
+            tuple(
+                numbers[place] * scale
+                for place, scale in zip(places, scales, strict=True)
+            )
+        )
     if not rows:
         raise SceneError(
             f"{source} holds no rows. Give {', '.join(columns)} on each line."
@@ -219,7 +239,7 @@ def _words(head: str) -> set[str]:
     return set(re.findall(r"[a-z]+", head.lower()))
 
 
-def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]:
+def _places(heads: list[Line], columns: Sequence[str]) -> list[int]:
     """Place of each column in a line: by its name in the heads if all names are there,
     else in the order of ``columns``.
     """
@@ -232,16 +252,48 @@ def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]
         unique = all(len(matches) == 1 for matches in named)
         if unique and len({matches[0] for matches in named}) == len(columns):
             places = [matches[0] for matches in named]
-    for line in heads:
-        for column, place in zip(columns, places, strict=True):
-            foreign = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
-            if foreign:
-                raise SceneError(
-                    f"{source}, line {line.number}: the head of {column} names"
-                    f" {foreign[0]}, must be in {_UNIT[column]}. Convert the numbers"
-                    " and correct the head."
-                )
     return places
+
+
+def _scales(
+    heads: list[Line],
+    columns: Sequence[str],
+    units: Sequence[str],
+    places: Sequence[int],
+    source: str,
+    quoted: bool,
+) -> list[float]:
+    """Factors from the units that heads name to those of the columns."""
+    scales = [1.0] * len(columns)
+    for line in heads:
+        for k, (column, unit, place) in enumerate(
+            zip(columns, units, places, strict=True)
+        ):
+            head = line.cells[place]
+            written = _unit_of(head, unit)
+            try:
+                if written:
+                    scales[k] = factor(written, unit)
+            except UnitError as error:
+                has = f"is {shown(head)}, {error}"
+                why = has if quoted else f"has no unit of {unit or 'a number'}."
+                raise SceneError(
+                    f"{source}, line {line.number}: the head of {column} {why}"
+                ) from None
+    return scales
+
+
+def _unit_of(head: str, unit: str) -> str:
+    """Unit that the head of a column of numbers in ``unit`` names, "" for none."""
+    written = name_and_unit(head)[1]
+    often = {choice.casefold(): choice for choice in OFTEN.get(unit, ())}
+    if not written:
+        # As "p mpa": capitals of heads are often lost.
+        words = re.split(r"[\s_,;/]+", head.casefold())
+        return next((often[word] for word in words if word in often), "")
+    # Round brackets and "in" may as well hold a remark, as "pressure in cylinder 1".
+    remark = "[" not in head and not is_unit(written)
+    return "" if remark or written in ("-", "1") else written
 
 
 def _no_row(

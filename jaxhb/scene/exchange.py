@@ -33,7 +33,7 @@ from typing import Any
 from jaxhb.elements.elements import Disk, Mesh, Shaft
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
 from jaxhb.elements.values import plain_number
-from jaxhb.scene.csv_tables import CsvText, read_csv
+from jaxhb.scene.csv_tables import CsvText, name_and_unit, read_csv
 from jaxhb.train.checks.consistency import fitting_cycle
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS has none
@@ -519,11 +519,14 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     lines = [line for line in csv_text.lines if any(line.cells)]
     content: dict[str, list[dict[str, Any]]] = {}
     heads = None
+    units: list[str] = []
     for line in lines:
         cells = line.cells
         where = f"{source}, line {line.number}"
         if cells[0] in ("name", "from"):
-            heads = _heads(list(cells), source, errors)
+            units = [name_and_unit(cell)[1] for cell in cells]
+            names = [name_and_unit(cell)[0] for cell in cells]
+            heads = _heads(names, source, errors)
             continue
         if heads is None:
             continue
@@ -536,8 +539,8 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
                 f"{where}: {len(cells)} cells under {len(heads)} heads. {cure}"
             )
         row: dict[str, Any] = {
-            head: _cell(csv_text, head, cell)
-            for head, cell in zip(heads, cells, strict=False)
+            head: _cell(csv_text, head, cell, unit)
+            for head, cell, unit in zip(heads, cells, units, strict=False)
             if head and cell
         }
         table = "disk"
@@ -604,8 +607,10 @@ def _heads(heads: list[str], source: str, errors: list[str]) -> list[str | None]
     return [meant.get(head, head) for head in heads]
 
 
-def _cell(table: CsvText, head: str, cell: str) -> str | float:
-    """A number where it is one; names stay text."""
+def _cell(table: CsvText, head: str, cell: str, unit: str) -> str | float:
+    """A number where it is one, with the unit of its head; names stay text."""
     if head in ("name", "from", "to", "link") or not table.is_number(cell):
         return cell
+    if unit:
+        return f"{table.number(cell)!r} {unit}"
     return int(cell) if cell.isdecimal() else table.number(cell)

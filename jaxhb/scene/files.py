@@ -11,15 +11,15 @@ import difflib
 import os
 import re
 import tomllib
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jaxhb.elements.declared import Unread
+from jaxhb.elements.declared import Unread, fields_of_class
 from jaxhb.elements.elements import TABLES, Head
 from jaxhb.elements.engine import Engine
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
+from jaxhb.elements.units import UnitError, chosen_units, si_value, units_of_columns
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
@@ -44,6 +44,8 @@ BESIDE = (
     "report",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
+Tables = dict[tuple[str, tuple[str, ...]], tuple | Unread]
+"""Rows of CSV files by their names and the units of their columns."""
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -95,6 +97,7 @@ def load_scene(name: str | Path) -> DriveTrain:
             f"{path.name}: 'scene' is {shown(head)}, must be a table. Write [scene]."
         )
         head = {}
+    head = si_keys(Head, head)
     unknown = [key for key in head if key not in _SCENE_KEYS]
     errors += [
         f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}"
@@ -110,6 +113,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
+        report=_report_units(content.get("report"), path.name, errors),
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
@@ -130,6 +134,25 @@ def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, .
         " Correct it."
     )
     return ()
+
+
+def _report_units(table: Any, source: str, errors: list[str]) -> dict[str, str]:
+    """Read the ``units`` of ``[report]``, whose other keys stand in the title block."""
+    if not isinstance(table, dict):
+        return {}
+    units = table.get("units", {})
+    if not isinstance(units, dict):
+        errors.append(
+            f"{source}, [report]: units is {shown(units)}, must be a table. Write"
+            ' units = { torque = "kN m" }.'
+        )
+        return {}
+    try:
+        chosen_units(units)
+    except UnitError as error:
+        errors.append(f"{source}, [report]: {error}")
+        return {}
+    return units
 
 
 def _folder() -> Path:
@@ -210,7 +233,7 @@ def _read_elements(
     are added to ``errors``.
     """
     elements: list[Any] = []
-    tables: dict[str, tuple | Unread] = {}
+    tables: Tables = {}
     lost: set[str] = set()
     count = sum(
         len(rows)
@@ -261,11 +284,11 @@ def _read_element(
     row: dict[str, Any],
     where: str,
     folder: Path,
-    tables: dict[str, tuple | Unread],
+    tables: Tables,
     errors: list[str],
 ) -> Any:
     """Make one element; a missing key becomes None, which the checks find."""
-    fields = _fields(cls)
+    fields = fields_of_class(cls)
     values: dict[str, Any] = {
         key: None
         for key, field in fields.items()
@@ -273,7 +296,9 @@ def _read_element(
     }
     for key, value in row.items():
         if key in fields:
-            values[key] = _read_value(fields[key], value, where, folder, tables, errors)
+            values[key] = _read_value(
+                cls, fields[key], value, where, folder, tables, errors
+            )
         else:
             errors.append(
                 f"{where}: unknown key {shown(key)}.{suggestion(key, fields)}"
@@ -282,22 +307,37 @@ def _read_element(
             # sentence says that this is missing.
             matches = difflib.get_close_matches(key, fields, n=1)
             meant = [match for match in matches if match not in row]
-            values |= dict.fromkeys(meant, value)
+            for match in meant:
+                values[match] = si_value(cls, fields[match], value)
     return cls(**values)
 
 
-@cache
-def _fields(cls: type) -> dict[str, dataclasses.Field]:
-    """Fields of a class of elements by their names."""
-    return {field.name: field for field in dataclasses.fields(cls)}
+def si_keys(cls: type, row: dict[str, Any]) -> dict[str, Any]:
+    """Keys of a table, and of tables inside it, with texts of numbers and units in the
+    units of their fields.
+    """
+    fields = fields_of_class(cls)
+    values: dict[str, Any] = {}
+    for key, value in row.items():
+        field = fields.get(key)
+        if field is None:
+            values[key] = value
+        elif "of" in field.metadata and isinstance(value, dict):
+            values[key] = si_keys(field.metadata["of"], value)
+        elif "of" in field.metadata and isinstance(value, list):
+            values[key] = [si_keys(field.metadata["of"], inner) for inner in value]
+        else:
+            values[key] = si_value(cls, field, value)
+    return values
 
 
 def _read_value(
+    cls: type,
     field: dataclasses.Field,
     value: Any,
     where: str,
     folder: Path,
-    tables: dict[str, tuple | Unread],
+    tables: Tables,
     errors: list[str],
 ) -> Any:
     """Read the value of a key; values that are no table, or no list of tables, are
@@ -305,6 +345,7 @@ def _read_value(
     """
     kind = field.metadata["kind"]
     key = field.name
+    value = si_value(cls, field, value)
     if kind == "table" and isinstance(value, dict):
         return _read_element(
             field.metadata["of"], value, f"{where}, {key}", folder, tables, errors
@@ -327,7 +368,8 @@ def _read_value(
         )
     if kind == "rows" and isinstance(value, str):
         try:
-            return _read_rows(value, folder, field.metadata["columns"], tables)
+            units = units_of_columns(cls, field)
+            return _read_rows(value, folder, field.metadata["columns"], units, tables)
         except SceneError as error:
             errors += [f"{where}: {key}: {text}" for text in error.sentences]
             return Unread()
@@ -338,14 +380,15 @@ def _read_rows(
     name: str,
     folder: Path,
     columns: tuple[str, ...],
-    tables: dict[str, tuple | Unread],
+    units: tuple[str, ...],
+    tables: Tables,
 ) -> tuple | Unread:
-    """Read a table of numbers once for all elements that name it, and keep it in
-    ``tables``; :class:`SceneError` the first time it is faulty.
+    """Read a table of numbers once for all elements that name it for numbers in these
+    units, and keep it in ``tables``; :class:`SceneError` the first time it is faulty.
     """
-    if name in tables:
-        return tables[name]
-    tables[name] = Unread()
+    if (name, units) in tables:
+        return tables[name, units]
+    tables[name, units] = Unread()
     path = folder / name
     try:
         text = read_text(path)
@@ -356,6 +399,8 @@ def _read_rows(
         ) from None
     except Unreadable as error:
         raise SceneError(f"{shown(name)}: {error}") from None
-    rows = number_rows(text, columns, path.name, quoted=is_beside(path, folder))
-    tables[name] = rows
+    rows = number_rows(
+        text, columns, path.name, units=units, quoted=is_beside(path, folder)
+    )
+    tables[name, units] = rows
     return rows

@@ -20,8 +20,8 @@ IMAGES = {
 }
 """Kinds of pictures by the endings of their files."""
 
-KEYS_BESIDE: tuple[str, ...] = ()
-"""Keys of ``[report]`` that other readers take."""
+KEYS_BESIDE = ("units",)
+"""Keys of ``[report]`` that are read elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -254,9 +254,11 @@ def _is_whole(piece: str) -> bool:
 
 
 def _put(node: Any, key: str, value: Any) -> None:
-    """Set a value of a table of tomlkit; numbers that are equal keep their digits."""
+    """Set a value of a table of tomlkit; numbers that are equal keep their digits,
+    unless they have a unit.
+    """
     if not isinstance(value, float | int) or isinstance(value, bool):
         node[key] = value
-    elif key not in node or float(node[key]) != value:
+    elif key not in node or isinstance(node[key], str) or float(node[key]) != value:
         number = int(value) if isinstance(value, int) else float(value)
         node[key] = tomlkit.value(repr(number))

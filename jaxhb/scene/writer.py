@@ -23,6 +23,7 @@ from jaxhb.scene.files import (
     _read_elements,
     load_scene,
     parse,
+    si_keys,
 )
 from jaxhb.scene.input_files import is_beside, read_bytes
 from jaxhb.scene.toml_text import TomlText
@@ -170,7 +171,7 @@ def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     engines = content.get("engine", [])
     if isinstance(engines, dict):
         engines = [engines]
-    return [row for engine in engines for row in cylinder_rows(engine)]
+    return [row for engine in engines for row in cylinder_rows(si_keys(Engine, engine))]
 
 
 def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
@@ -268,6 +269,8 @@ def changed_scene(
                 ]
                 text.set("mesh", row, "stiffness_orders", orders)
     for (table, row, field), value in values.items():
+        if (table, field) == ("disk", "inertia"):
+            text.discard(table, row, "gd2")
         # A law excludes the two numbers for which it stands: they are written out.
         if (
             table == "mesh"

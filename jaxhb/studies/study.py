@@ -25,11 +25,13 @@ from jaxhb.design.quantities import (
 )
 from jaxhb.design.tolerances import box_of, read_tolerances
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.units import has_unit
 from jaxhb.elements.values import number_like
 from jaxhb.results.checkpoint import digest, hash_of
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.files import load_scene, parse
 from jaxhb.scene.input_files import Unreadable, read_text
+from jaxhb.train.changes import numbers_in_si
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import read_range, read_speeds
 
@@ -269,10 +271,12 @@ class _Reader:
 
     def study(self) -> Study:
         """Build the Study; a SceneError with all faults."""
+        variants = tuple(self._variants())
+        train = variants[0].train if variants else None
         study = Study(
             name=self.file.stem,
-            variants=tuple(self._variants()),
-            changes=tuple(self._changes()),
+            variants=variants,
+            changes=tuple(self._changes(train)),
             rpm=self._speeds(),
             keep=tuple(self._quantities()),
             accuracy=Accuracy(
@@ -360,8 +364,10 @@ class _Reader:
             except ValueError as error:
                 self._fault(f"keep: {error}")
 
-    def _changes(self) -> Iterator[Change]:
-        """The [[change]] tables, each of one number or of several together."""
+    def _changes(self, train: DriveTrain | None) -> Iterator[Change]:
+        """The [[change]] tables, each of one number or of several together, in the
+        units of the fields of a train.
+        """
         tables = self._value("change", [], lambda v: isinstance(v, list))
         for number, table in enumerate(tables, 1):
             where = f"[[change]] no. {number}"
@@ -373,11 +379,11 @@ class _Reader:
                     meant = suggestion(key, self.CHANGE_KEYS)
                     self._fault(f"{where}: unknown key {shown(key)}.{meant}")
             try:
-                yield self._change(table)
+                yield self._change(table, train)
             except ValueError as error:
                 self._fault(f"{where}: {error}")
 
-    def _change(self, table: Mapping[str, Any]) -> Change:
+    def _change(self, table: Mapping[str, Any], train: DriveTrain | None) -> Change:
         """The Change of a table; a ValueError with a sentence where it is none."""
         names: Any = [table["name"]] if "name" in table else table.get("names")
         if not _texts(names):
@@ -394,6 +400,8 @@ class _Reader:
             except Unreadable as error:
                 raise ValueError(f"{table_file}: {error}") from None
             rows = [list(row) for row in number_rows(text, names, table_file)]
+        if train is not None and isinstance(rows, list):
+            rows = _in_si(train, names, rows)
         if "name" in table and _numbers(rows):
             rows = [[value] for value in rows]
         is_table = isinstance(rows, list) and all(map(_numbers, rows))
@@ -429,6 +437,23 @@ class _Reader:
                         f"{title}: the tolerance {tolerance.name!r} is of a value of 0,"
                         " which has no ratio: leave it out."
                     )
+
+
+def _in_si(train: DriveTrain, names: list[str], rows: list[Any]) -> list[Any]:
+    """Values of one name, or rows of values of several, those with units in the units
+    of the fields; :class:`SceneError` where a unit does not fit.
+    """
+    if any(map(has_unit, rows)):
+        return numbers_in_si(train, names[0], rows)
+    return [
+        [
+            numbers_in_si(train, name, [value])[0] if has_unit(value) else value
+            for name, value in zip(names, row, strict=True)
+        ]
+        if isinstance(row, list) and len(row) == len(names)
+        else row
+        for row in rows
+    ]
 
 
 def _texts(value: Any) -> bool:

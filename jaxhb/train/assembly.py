@@ -15,6 +15,7 @@ from jaxhb.elements import checks, derived, meshing
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, Damper, Head, Mesh, Shaft
 from jaxhb.elements.event_tables import EventSeat, seat_of
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.blades import with_blades
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import field_errors, rounded, sound_orders
 from jaxhb.excitation.orders import harmonics_of
@@ -96,6 +97,7 @@ def checked(
     *,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
+    report: Mapping[str, str] | None = None,
     scenarios: Any,
     sequences: Any = None,
     source: str,
@@ -142,6 +144,7 @@ def checked(
     root = main_disk if reference is not None or one_rotor else None
     radii = _exact_radii(parts)
     _expand_meshes(parts)
+    _expand_blades(parts)
     rotors, ratio, locked = _gearing(parts, root, radii)
     errors += consistency.loop_errors(parts, locked)
     if not head_errors:
@@ -172,6 +175,7 @@ def checked(
         "sequences": sequences,
         "tune": tune or {},
         "tolerance": tolerance or {},
+        "report": report or {},
     }
     head: dict[str, Any] = {
         key: json.dumps(table, default=str) for key, table in settings.items()
@@ -183,10 +187,20 @@ def checked(
     }
     topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
-    for table in derived.LINKS:
+    for table in ("disk", *derived.LINKS):
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])
+
+
+def _expand_blades(parts: checks.Parts) -> None:
+    """Put harmonics in the place of the blades of sound loads and torques."""
+    for table in ("load", "torque"):
+        elements = parts.tables[table]
+        for i, element in enumerate(elements):
+            fields = [field.name for field in dataclasses.fields(element)]
+            if parts.usable(table, i, *fields):
+                elements[i] = with_blades(element)
 
 
 def _expand_meshes(parts: checks.Parts) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from jaxhb.elements.event_tables import row_of, without_effect
 from jaxhb.elements.events import rows_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.units import Refused, si_value
 from jaxhb.elements.value_checks import over_rpm_errors
 from jaxhb.elements.values import number_like, row_errors, value_errors
 from jaxhb.train import connections
@@ -98,6 +99,14 @@ def _choose(
                     )
                 }
                 teeth[index] = int(value)
+        elif table == "disk" and field == "gd2":
+            inertia_key = f"{key.removesuffix(field)}inertia"
+            if inertia_key in values:
+                fault = f"{inertia_key!r} is given, too. Keep one of them."
+            elif isinstance(value, Refused):
+                fault = f"gd2 is {shown(value)}, {value.why}"
+            else:
+                numbers[inertia_key] = derived.inertia_of(value)
         else:
             numbers.setdefault(key, value)
         for followed_field, number in followed.items():
@@ -129,13 +138,16 @@ def scene_values(
     train that they made, by table, row and field.
     """
     by_place: dict = {}
-    for key, value in settings.items():
+    for key, value in in_si(train.topology, settings).items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):
             by_place |= {
                 (table, index, law_field): number
                 for law_field, number in LAW_OF_FRIDMAN.items()
             }
+            continue
+        if field == "gd2":
+            by_place[table, index, "inertia"] = derived.inertia_of(value)
             continue
         by_place[table, index, field] = int(value) if field == "teeth" else value
         if field == "teeth":
@@ -177,6 +189,45 @@ def locate(topology: Topology, key: str) -> tuple[str, str, int]:
         )
     table, index = topology.elements[name]
     return table, field, index
+
+
+def in_si(topology: Topology, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by ``"NAME.FIELD"``, those with units in the units of their fields; those
+    of a unit that does not fit are :class:`~jaxhb.elements.units.Refused`.
+    """
+    return {key: _in_si(topology, key, value) for key, value in values.items()}
+
+
+def numbers_in_si(train: TrainArrays, key: str, values: Sequence[Any]) -> list[float]:
+    """Numbers of a field, those with units in its unit; :class:`SceneError` where a
+    unit does not fit.
+    """
+    numbers = in_si(train.topology, {key: list(values)})[key]
+    faults = [
+        f"{train.topology.title}, {shown(key)}: {shown(number)} {number.why}"
+        if isinstance(number, Refused)
+        else f"{train.topology.title}, {shown(key)}: {shown(number)} is no number."
+        for number in numbers
+        if isinstance(number, str)
+    ]
+    if faults:
+        raise SceneError(faults)
+    return numbers
+
+
+def _in_si(topology: Topology, key: str, value: Any) -> Any:
+    """The value of a field in its unit."""
+    if not isinstance(value, str | list | tuple):
+        return value
+    try:
+        table, field, _ = locate(topology, key)
+    except SceneError:  # told with the numbers
+        return value
+    outer = field.rpartition(".")[0]
+    declared = declared_field(table, field)
+    if declared is None:
+        return value
+    return si_value(_INNER.get(outer, TABLES[table]), declared, value)
 
 
 def declared_field(table: str, field: str) -> dataclasses.Field | None:
@@ -282,6 +333,8 @@ def _row(train: TrainArrays, table: str, field: str, index: int) -> Any:
 
 def read(train: TrainArrays, key: str) -> Any:
     """Read one number or array; see :meth:`DriveTrain.value`."""
+    if key.endswith(".gd2"):
+        return 4 * read(train, f"{key.removesuffix('gd2')}inertia")
     table, field, index = _locate(train, key)
     row = _row(train, table, field, index)
     return float(row) if isinstance(row, np.floating) else row
@@ -290,7 +343,7 @@ def read(train: TrainArrays, key: str) -> Any:
 def replace(train: Train, values: Mapping[str, Any]) -> Train:
     """Change numbers; see :meth:`DriveTrain.replace`."""
     before = train
-    train, values, errors = _choose(train, values)
+    train, values, errors = _choose(train, in_si(train.topology, values))
     changes: dict[tuple[str, str], dict[int, Any]] = {}
     for key, value in values.items():
         try:
@@ -429,6 +482,8 @@ def _value_errors(
 ) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where = f"{train.topology.title}, replace {shown(key)}"
+    if isinstance(value, Refused):
+        return [f"{where}: the value is {shown(value)}, {value.why}"]
     row = _row(train, table, field, index)
     shape = np.shape(row)
     new_shape = None

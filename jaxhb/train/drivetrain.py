@@ -55,6 +55,13 @@ class DriveTrain(TrainArrays):
         """The ``[tolerance]`` table of the scene, untouched."""
         return json.loads(self.topology.tolerance)
 
+    @property
+    def report_units(self) -> dict[str, str]:
+        """Units in which reports show quantities, ``units`` of the ``[report]`` table
+        of the scene.
+        """
+        return json.loads(self.topology.report)
+
     def value(self, key: str) -> Any:
         """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or
         an array.
@@ -250,8 +257,9 @@ class DriveTrain(TrainArrays):
         The pressure of compression alone is told from a pressure table
         (``jaxhb.excitation.compression``), traces or the combustion model without heat.
         From a given ``gas_torque`` it cannot be told: all of that goes, as by
-        :meth:`cut_off`; :meth:`not_firing` says what holds. :class:`SceneError` if
-        there is no such cylinder.
+        :meth:`cut_off`; :meth:`not_firing` says what holds. A table of tangential
+        pressures has it in its rows at imep 0. :class:`SceneError` if there is no such
+        cylinder, or no such row.
 
         >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
         >>> train.topology.cylinders.fires
@@ -281,6 +289,8 @@ class DriveTrain(TrainArrays):
                     for name in unknown
                 ]
             )
+        if field == "fires":
+            omission.check_compressions(self, cylinders)
         flags = tuple(
             flag if name in cylinders else before
             for name, before in zip(seats.names, getattr(seats, field), strict=True)
@@ -329,8 +339,8 @@ class DriveTrain(TrainArrays):
         return omission.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
-        """Say where the pressure traces of cylinders do not cover a speed or its load,
-        so that the nearest is used.
+        """Say where the pressure traces or the tangential pressures of cylinders do not
+        cover a speed or its load, so that the nearest is used.
 
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same
         traces; empty where all is covered.

@@ -16,7 +16,7 @@ from jaxhb._jax import Array, traced
 from jaxhb.elements.derived import LINKS, link_number
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
-from jaxhb.excitation.tables import COMPUTED
+from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
 from jaxhb.train import connections
 from jaxhb.train.tables import with_table
 
@@ -304,9 +304,28 @@ def _computed(train: TrainArrays, number: int) -> str:
         return CUT_OFF
     if cycles.fires[number] and not _is_zero(train.cylinders.injection, number):
         return ""
-    if cycles.source[number] in COMPUTED:
+    if cycles.source[number] in (*COMPUTED, TANGENTIAL):
         return COMPRESSING
     return NO_COMPRESSION if cycles.source[number] == "harmonics" else NOTHING
+
+
+def check_compressions(train: TrainArrays, cylinders: Sequence[str]) -> None:
+    """Refuse cylinders whose torque without injection nothing tells."""
+    seats = train.topology.cylinders
+    kind = EXCITATIONS["cylinder"]
+    texts = {
+        name: kind.without_effect(
+            train.cylinders, seats, "injection", seats.names.index(name)
+        )
+        for name in cylinders
+    }
+    errors = [
+        f"{train.topology.title}, misfire of {name!r}: {text}"
+        for name, text in texts.items()
+        if text
+    ]
+    if errors:
+        raise SceneError(errors)
 
 
 def _is_zero(values: Array | None, number: int) -> bool:

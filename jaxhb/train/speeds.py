@@ -5,9 +5,11 @@ as numbers.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from jaxhb.elements.sentences import SceneError, shown
+from jaxhb.elements.units import Refused, si_number, split
 
 if TYPE_CHECKING:
     from jaxhb._jax import Numbers
@@ -21,11 +23,15 @@ _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute
 
 
 def read_speed(text: str) -> float:
-    """A speed in rpm; :class:`ValueError` with a sentence if it is no number greater
-    than 0 and at most 1e6.
+    """A speed in rpm, of a number or of a number with a unit, as ``"25 Hz"``;
+    :class:`ValueError` with a sentence if it is no number greater than 0 and at most
+    1e6.
     """
+    value = si_number(text, "rpm")
+    if isinstance(value, Refused):
+        raise ValueError(f"the speed is {text!r}, {value.why}")
     try:
-        value = float(text)
+        value = float(value)
     except ValueError:
         value = math.nan
     if not 0 < value < math.inf:
@@ -40,8 +46,9 @@ def read_speeds(text: str) -> list[float]:
     :class:`ValueError` if it is neither.
     """
     if ":" not in text:
-        return [read_speed(word) for word in text.split(",")]
+        return [read_speed(word) for word in with_units(text.split(","))]
     words = text.split(":")
+    words[:-1] = with_units(words[:-1])
     if len(words) != 3:
         raise ValueError(
             f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)"
@@ -62,21 +69,45 @@ def read_speeds(text: str) -> list[float]:
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
 
 
-def read_range(text: str) -> tuple[str, list[float]]:
-    """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``;
+def with_units(words: Sequence[str]) -> list[str]:
+    """Numbers with the unit of the last behind each; :class:`ValueError` where they
+    have others.
+
+    >>> with_units(["10", "40 Hz"])
+    ['10 Hz', '40 Hz']
+    """
+    numbers = [split(word) for word in words]
+    unit = numbers[-1][1]
+    others = [other for _, other in numbers if other not in ("", unit)]
+    if others:
+        raise ValueError(
+            f"{':'.join(words)!r} has the unit {others[0]!r} and"
+            f" {repr(unit) if unit else 'none behind the last number'}: write one unit,"
+            " behind the last"
+        )
+    return [f"{number} {unit}" for number, _ in numbers] if unit else [*words]
+
+
+def read_range(text: str) -> tuple[str, list[float] | list[str]]:
+    """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``, whose
+    last value may have a unit, that of all, and then all have it;
     :class:`ValueError` with a sentence if it is neither.
     """
     key, equals, values = text.rpartition("=")
     words = values.split(":")
+    ends = words[:-1] if len(words) == 3 else values.split(",")
+    unit = split(with_units(ends)[-1])[1]
+    ends = [split(end)[0] for end in ends]
     try:
         if len(words) == 3:
+            words[:-1] = ends
             first = float(words[0])
             last = float(words[1])
             steps = int(words[2])
             most = min(steps, MOST_SPEEDS + 1)
             numbers = [first + (last - first) * i / (steps - 1) for i in range(most)]
         else:
-            numbers = [float(word) for word in values.split(",")]
+            numbers = [float(word) for word in ends]
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not equals or len(numbers) < 2 or not all(map(math.isfinite, numbers)):
@@ -88,6 +119,8 @@ def read_range(text: str) -> tuple[str, list[float]]:
         raise ValueError(
             f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer"
         )
+    if unit:
+        return key.strip(), [f"{number!r} {unit}" for number in numbers]
     return key.strip(), numbers
 
 

@@ -100,6 +100,7 @@ class Topology:
     sequences: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
+    report: str = "{}"
     notes: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from jaxhb.report.units import is_chosen
+
 if TYPE_CHECKING:
     from jaxhb.report.answer import Answer
 
@@ -232,7 +234,8 @@ def _in_readable_unit(
         ),
         default=0.0,
     )
-    factor, readable = _readable(unit, largest) if comma else (1.0, unit)
+    fixed = not comma or is_chosen(unit)
+    factor, readable = (1.0, unit) if fixed else _readable(unit, largest)
     if readable == unit:
         return axis, traces
     limits = axis.limits

@@ -40,13 +40,13 @@ from jaxhb.report.quantities import (
     forces,
     separation,
     shaft_torques,
-    shown_unit,
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.forced import by_kind
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
+from jaxhb.report.units import shown_unit
 from jaxhb.results.quantities import MEASURED
 from jaxhb.train.drivetrain import DriveTrain
 

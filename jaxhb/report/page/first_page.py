@@ -27,6 +27,7 @@ from jaxhb.report.text.strength import (
     largest_shares,
 )
 from jaxhb.report.text.sweep_tables import motion_sentences
+from jaxhb.report.units import shown_unit
 
 ROWS = 18  # rows of the table on the first page
 WITHIN = "within"
@@ -125,7 +126,7 @@ def unjudged(report: Report, judged: Iterable[str]) -> list[Quantity]:
 
 def _of_share(share: Share) -> Judged:
     """Make the row of the largest share of a limit."""
-    factor, unit = share.kind.shown
+    factor, unit = shown_unit(share.kind.si_unit, share.value)
     value = factor * share.value
     return Judged(
         share.name,

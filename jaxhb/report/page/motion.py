@@ -111,11 +111,16 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     """
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     contact = backlash and quantity.called == "tooth force"
+    unit = quantity.entry.unit
     columns: list[Column | str] = [quantity.element]
     for case in cases:
-        largest = Column("with" if backlash else quantity.unit, case.title)
+        head = "with" if backlash else quantity.placeholder
+        largest = Column(head, case.title, unit=unit)
         of_case = [largest, Column("at rpm")]
-        of_case += [Column("without", case.title), Column("ratio", ratio)] * backlash
+        of_case += [
+            Column("without", case.title, unit=unit),
+            Column("ratio", ratio),
+        ] * backlash
         of_case += [Column("separated %", percent), Column("impact m/s", hit)] * contact
         columns += [dataclasses.replace(each, group=case.title) for each in of_case]
     rows = [
@@ -133,7 +138,9 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
     return Table(
-        f"{quantity.title} over the speeds, {quantity.unit}{remark}", columns, rows
+        f"{quantity.title} over the speeds, {quantity.placeholder}{remark}",
+        columns,
+        rows,
     )
 
 
@@ -144,7 +151,7 @@ def _largest(
     have backlash the same without and their ratio, of tooth forces the worst contact.
     """
     answered = [answer for answer in case.answers if answer.answered]
-    values = quantity.of(case.answers, name)
+    values = quantity.numbers(case.answers, name)
     finite = np.isfinite(values)
     largest = max(values[finite], default=np.nan)
     cells = [largest, NONE]
@@ -156,7 +163,8 @@ def _largest(
         ]
     if not backlash:
         return cells
-    without = quantity.without(case.answers, name)
+    alone = [answer.without_backlash for answer in case.answers]
+    without = quantity.numbers(alone, name)
     # Both go over the same speeds: those that have an answer with backlash.
     before = max(without[finite & np.isfinite(without)], default=np.nan)
     cells += [before, (largest, before)]

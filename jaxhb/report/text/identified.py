@@ -14,11 +14,11 @@ from jaxhb.design.identification import (
     WeakCylinder,
 )
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.tuned import bounds_text, parameter_unit
+from jaxhb.report.units import shown_unit
 from jaxhb.results.quantities import MEASURED
 
 

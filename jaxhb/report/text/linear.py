@@ -22,12 +22,16 @@ from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
+from jaxhb.linear.vector_sums import VectorSums
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
 
+MOST_MODES = 4  # of vector sums in a table: files have all
+SMALL = 1e-9  # vector sum below which its direction is rounding
 FIRST = 3  # modes whose energies or tables are shown unless some are chosen
 
 SCALE = (
@@ -129,6 +133,97 @@ def modes_record(
         "kinetic_share": dict(zip(modes.names, modes.kinetic_share.T, strict=True)),
         "strain_share": dict(zip(modes.link_names, modes.strain_share.T, strict=True)),
     }
+
+
+def vector_text(sums: VectorSums, modes: Modes, names: OrderNames) -> list[Table]:
+    """Firing angles, and sums by order: of unit vectors, and weighted by the first
+    modes; a star marks the major orders.
+    """
+    firings = sorted(
+        zip(sums.firing_deg.tolist(), sums.cylinders, strict=True),
+        key=lambda pair: pair[0],
+    )
+    major = sums.major()
+    shown = range(min(MOST_MODES, len(sums.modes)))
+    columns: list[Column | str] = [
+        "order",
+        Column("sum", "{:.3f}".format),
+        "deg",
+    ]
+    for k in shown:
+        number = sums.modes[k]
+        title = f"mode {number}, {modes.frequencies_hz[number]:.4g} Hz"
+        columns += [
+            Column("sum", "{:.3f}".format, group=title),
+            Column("deg", group=title),
+        ]
+    rows = []
+    for place, order in enumerate(sums.orders):
+        vectors = [sums.sums[place], *sums.mode_sums[list(shown), place]]
+        row: list[Any] = [f"{names.number(order)}{' *' * bool(major[place])}"]
+        for vector in vectors:
+            row += [abs(vector), _direction(vector)]
+        rows.append(row)
+    return [
+        Table(
+            "Cylinders that fire, deg of their own rotor",
+            ["cylinder", Column("firing deg", "{:g}".format)],
+            [[name, angle] for angle, name in firings],
+        ),
+        Table(
+            "Vector sums of exp(i order x firing angle): all cylinders alike, and"
+            " weighted by their angles in modes whose largest angle is 1 (* major"
+            " order: all in one direction)",
+            columns,
+            rows,
+        ),
+    ]
+
+
+def _direction(vector: complex) -> str:
+    """Direction of a sum in deg, none of one that is only rounding."""
+    if abs(vector) < SMALL:
+        return NONE
+    if abs(vector.imag) < SMALL * abs(vector):
+        # Rounding of the imaginary part would choose between 180 and -180.
+        return "0.0" if vector.real > 0.0 else "180.0"
+    return f"{np.degrees(np.angle(vector)):.1f}"
+
+
+def vector_record(sums: VectorSums) -> dict[str, Any]:
+    """The part of ``modes --vector-sums --json``."""
+    return {
+        "vector_sums": {
+            "cylinders": sums.cylinders,
+            "firing_deg": sums.firing_deg,
+            "orders": sums.orders,
+            "major": sums.major(),
+            "sum": _polar(sums.sums),
+            "modes": sums.modes,
+            "amplitudes": sums.amplitudes,
+            "mode_sums": _polar(sums.mode_sums),
+        }
+    }
+
+
+def _polar(vectors: Array) -> dict[str, Array]:
+    """Magnitudes and directions of vectors."""
+    return {"magnitude": np.abs(vectors), "deg": np.degrees(np.angle(vectors))}
+
+
+def vector_sheet(sums: VectorSums) -> Sheet:
+    """A row for every order, sums of unit vectors and of modes."""
+    heads = ["order", "sum", "sum deg"]
+    for number in sums.modes:
+        heads += [f"mode {number} sum", f"mode {number} deg"]
+    rows = []
+    for place, order in enumerate(sums.orders.tolist()):
+        vectors = [sums.sums[place], *sums.mode_sums[:, place]]
+        row = [order]
+        for vector in vectors:
+            row += [float(abs(vector)), float(np.degrees(np.angle(vector)))]
+        rows.append(row)
+    return Sheet(heads, rows)
 
 
 def approximations(
@@ -489,13 +584,13 @@ def campbell_parts(
             names.number(critical.order),
             critical.mode,
             f"{critical.hz:.2f}",
-            plain_number(critical.torque),
+            critical.torque,
         ]
         for critical in diagram.critical
     ]
     for place, row in enumerate(rows if misfires else ()):
         cylinder, torque = _worst_at(place, misfires)
-        row += [plain_number(torque), cylinder]
+        row += [torque, cylinder]
     critical_speeds = Table(
         f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}.",
         [
@@ -503,8 +598,8 @@ def campbell_parts(
             "order",
             "mode",
             "Hz",
-            "modal torque N m",
-            *["worst misfire N m"] * bool(misfires),
+            Column("modal torque {N m}", plain_number, unit="N m"),
+            *[Column("worst misfire {N m}", plain_number, unit="N m")] * bool(misfires),
             *[Column("that of", left=True)] * bool(misfires),
         ],
         rows,
@@ -523,7 +618,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
             line.mode,
             f"{line.mode_hz:.2f}",
             f"{100 * line.apart:+.1f}",
-            plain_number(line.torque),
+            line.torque,
             *([] if line.rpm is None else [f"{line.rpm:.1f}"]),
         ]
         for line in diagram.lines
@@ -537,7 +632,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
                 "mode",
                 "mode Hz",
                 "apart %",
-                "modal torque N m",
+                Column("modal torque {N m}", plain_number, unit="N m"),
                 *["rpm"] * (not at_every_speed),
             ],
             rows,

@@ -22,9 +22,9 @@ from jaxhb.linear.strength import (
     judged,
 )
 from jaxhb.report.answer import UNCONFIRMED, Answer
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, ratio
+from jaxhb.report.units import said, shown_unit
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -82,7 +82,8 @@ class Limited:
 
 LIMITED = {
     "stresses": Limited(
-        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
+        "Torsional stress of shafts, {Pa}: half of peak-to-peak torque / W_p"
+        f" ({AID})",
         "shaft",
         "Pa",
         {
@@ -93,7 +94,7 @@ LIMITED = {
         {"continuous": "continuous limit", "transient": "transient limit"},
     ),
     "tooth_torques": Limited(
-        "Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of"
+        "Torque of meshes on the first gear, {N m}: half peak-to-peak, limit a third of"
         f" the rated torque ({AID})",
         "mesh",
         "N m",
@@ -105,7 +106,7 @@ LIMITED = {
         {"limit": "a third of the rated torque"},
     ),
     "heat": Limited(
-        f"Heat of shafts and dampers, W ({AID})",
+        f"Heat of shafts and dampers, {{W}} ({AID})",
         "shaft or damper",
         "W",
         {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
@@ -220,13 +221,11 @@ def _table(strength: Strength, kind: str) -> Table:
     rows = []
 
     def number(values: Array | None, place: int | None) -> float:
-        """Size of a number in the unit for people; nan where there is none and where
-        the rule has no limit.
-        """
+        """Size of a number; nan where there is none and where the rule has no limit."""
         if values is None or place is None:
             return np.nan
         value = np.broadcast_to(values, np.shape(rpm))[place]
-        return limited.shown[0] * (abs(value) if np.isfinite(value) else np.nan)
+        return abs(value) if np.isfinite(value) else np.nan
 
     for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
@@ -238,7 +237,10 @@ def _table(strength: Strength, kind: str) -> Table:
         if kind == "tooth_torques":
             cells.append(_where(np.asarray(rpm), row.reverses))
         rows.append(cells)
-    numbers = [Column(head, "number") for head, _ in limited.heads.values()]
+    numbers = [
+        Column(head, "number", unit=limited.si_unit)
+        for head, _ in limited.heads.values()
+    ]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
     return Table(
         f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title,
@@ -313,7 +315,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             for name, row in limited.items()
         }
         largest = [
-            f"{name} {1e-6 * stress.max():.4g} MPa at {rpm[stress.argmax()]:g} rpm"
+            f"{name} {said(stress.max(), 'Pa')} at {rpm[stress.argmax()]:g} rpm"
             for name, stress in beyond.items()
             if np.isfinite(stress.max())
         ]

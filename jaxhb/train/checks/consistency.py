@@ -244,9 +244,13 @@ def inertia_errors(parts: Parts) -> list[str]:
         for table in ("disk", "damper")
         for i, element in enumerate(parts.tables[table])
     ]
-    is_known = all(parts.usable(table, i, "inertia") for table, i, _ in bodies)
+    is_known = all(parts.usable(table, i, "inertia", "gd2") for table, i, _ in bodies)
+    inertias = [
+        getattr(element, "gd2", None) if element.inertia is None else element.inertia
+        for *_, element in bodies
+    ]
     if not (bodies and is_known and parts.complete) or any(
-        element.inertia for *_, element in bodies
+        inertia is None or inertia for inertia in inertias
     ):
         return []
     return [

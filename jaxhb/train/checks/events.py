@@ -9,6 +9,7 @@ from typing import Any
 
 from jaxhb.elements.checks import Parts
 from jaxhb.elements.sentences import Suggestions, cut, shown, suggestion
+from jaxhb.elements.units import si_number
 from jaxhb.elements.values import number_like
 
 _KEYS = ("events", "begin")
@@ -83,6 +84,13 @@ def read_sequences(
             f"{parts.source}: 'sequence' must hold a table for each sequence. Write"
             " [sequence.NAME]."
         ]
+    sequences = {
+        name: {
+            key: si_number(value, "s") if key == "begin" else value
+            for key, value in sequence.items()
+        }
+        for name, sequence in sequences.items()
+    }
     near = Suggestions(name for name in parts.names["event"] if isinstance(name, str))
     errors = [
         f"{parts.source}, [sequence.{cut(str(name))}]: {text}"
