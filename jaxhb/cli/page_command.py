@@ -99,6 +99,7 @@ def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
         raise OutputError(
             f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it."
         )
+    phrases = _phrases(arguments)
     second = _checked_page(train, arguments)
     trains = misfire_trains(train, arguments, each=True)
     each = len(trains) > 1
@@ -136,7 +137,7 @@ def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
     if named(arguments, "page"):
         from jaxhb.report.page.page import as_page
 
-        page = as_page(_report_of(arguments, computed))
+        page = as_page(_report_of(arguments, computed), phrases)
         whole = page.whole
     _deliver(arguments, text, cases, computed, worst, page)
     unfinished.forget()
@@ -267,6 +268,19 @@ def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain
     if arguments.tolerances:
         read_tolerances(train)
     return load_scene(arguments.tuned) if arguments.tuned else None
+
+
+def _phrases(arguments: cli.ReportOptions) -> dict[str, str]:
+    """The phrases that ``--words`` gives."""
+    if arguments.words is None:
+        return {}
+    if not named(arguments, "page"):
+        raise OutputError(
+            f"--words: they stand on the page only. Add {FORMATS['html'].spelled}."
+        )
+    from jaxhb.report.page.words import read_words
+
+    return read_words(arguments.words)
 
 
 def _tuned(

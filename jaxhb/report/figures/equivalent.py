@@ -70,24 +70,26 @@ def equivalent_system(train: DriveTrain) -> Equivalent:
     stiffness = np.asarray(numbers.stiffness, float)[:links]
     large = bool(len(stiffness)) and np.median(stiffness) >= LARGE
     unit = "MN m/rad" if large else "kN m/rad"
-    caption = f"Equivalent system: inertias in kg m2, stiffnesses of shafts in {unit}"
-    if topology.damper_names:
-        caption += ", below dampers their damping in N m s/rad"
+    above = f"above the links stiffnesses, in {unit}"
     if topology.mesh_names:
-        caption += f", of meshes (two bars) in MN/m{_ratio_words(numbers)}"
+        above += ", of meshes (two bars) in MN/m"
+    parts = ["inertias in kg m2 below the disks", above]
+    if topology.damper_names:
+        parts.append("below dampers damping in N m s/rad; white: ring of a damper")
     if topology.ground_names:
-        caption += f", springs to ground in {unit}"
-    caption += ". Dark: a torque acts there; cross: load"
-    caption += "; white: ring of a damper" * bool(topology.damper_names)
+        parts.append(f"springs to ground in {unit}")
+    if not np.all(numbers.factor == 1):
+        parts.append("i: speed over that of the reference rotor")
+    parts.append("dark: a torque acts; cross: load")
     lines = train_lines(topology)
-    caption += "; dashed: where a branch leaves" * (len(lines) > 1)
+    parts += ["dashed: where a branch leaves"] * (len(lines) > 1)
     pen = _Pen(train, numbers, 1e-6 if large else 1e-3)
     seats = _seats(lines)
     strips = [
         pen.strip(seats[start : start + IN_STRIP])
         for start in range(0, len(seats), IN_STRIP)
     ]
-    return Equivalent(caption, strips)
+    return Equivalent(f"Equivalent system: {'; '.join(parts)}", strips)
 
 
 @dataclass(frozen=True)
@@ -118,13 +120,6 @@ def _seats(lines: Sequence[Sequence[int]]) -> list[Seat]:
             for k, disk in enumerate(way)
         ]
     return seats
-
-
-def _ratio_words(numbers: Referred) -> str:
-    """Explain the speed ratios that stand below the inertias, "" where all are 1."""
-    if np.all(numbers.factor == 1):
-        return ""
-    return ", i: speed over that of the reference rotor"
 
 
 class _Pen:

@@ -159,6 +159,18 @@ FORMATS = {
             content="page",
             write=lambda name, page: [printed(page.html)],
         ),
+        Format(
+            name="phrases",
+            metavar="FILE.toml",
+            text="write all phrases of the page, to be given in other words by --words",
+            kind="list of phrases",
+            endings=(".toml",),
+            need="the page needs",
+            extra="report",
+            libraries=("jinja2", "plotly", "matplotlib"),
+            content="page",
+            write=lambda name, page: [page.phrases()],
+        ),
     )
 }
 """All formats by the names of their options."""

@@ -356,7 +356,7 @@ def rule_of(strength: Strength, key: str, kind: Limited, name: str) -> str:
         rule = RULES[strength.rules[name]]
         return rule.title or rule.name
     if kind.limit == "limit":
-        return f"{kind.limits['limit']} that the scene gives"
+        return "limit of the scene"
     return kind.limit
 
 

@@ -20,6 +20,7 @@ from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
+from jaxhb.report.page.critical import critical_table, modes_that_matter
 from jaxhb.report.page.parts import Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import (
@@ -77,6 +78,7 @@ def modes(report: Report) -> list[Block]:
         *[remark] * report.train.topology.depends_on_speed,
         *approximations(train),
         *(shapes_figure(train, natural, sheet, ratios) for sheet in sheets),
+        *modes_that_matter(train, natural, kinds, shown),
     ]
 
 
@@ -124,9 +126,15 @@ def campbell(report: Report) -> list[Block]:
         f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
         " the largest of their mode: left out here."
     )
+    # Of constant trains another part has the natural frequencies.
+    first, *parts, last = campbell_parts(main, count, misfires, names)
+    natural, _, _ = modes_of(at_speed(report.train, high), LOWEST)
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
-        *campbell_parts(main, count, misfires, names),
+        *[first] * report.train.topology.depends_on_speed,
+        *parts,
+        *critical_table(report, main.critical, natural),
+        *[last] * (not main.critical),  # it says so
         *[left_out] * bool(left),
     ]
 

@@ -25,6 +25,7 @@ from jaxhb.report.page.motion import (
 )
 from jaxhb.report.page.parts import Block, Heading, Report, environment
 from jaxhb.report.page.train import assumptions, train_data
+from jaxhb.report.page.words import Words, names_of
 from jaxhb.report.table import Table
 
 PARTS: dict[str, Callable[[Report], list[Block]]] = {
@@ -81,10 +82,11 @@ class Part:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: its report, and the parts that were made of it."""
+    """A page: its report, the parts that were made of it, and its ``words``."""
 
     report: Report
     parts: list[Part]
+    words: Words
 
     @property
     def whole(self) -> bool:
@@ -99,10 +101,11 @@ class Page:
         from plotly.offline import get_plotlyjs
 
         return (
-            environment()
+            environment(self.words)
             .get_template("page.html")
             .render(
                 parts=self.parts,
+                words=self.words,
                 report=self.report,
                 numbers=numbers,
                 script=get_plotlyjs(),
@@ -110,20 +113,29 @@ class Page:
             .encode()
         )
 
+    def phrases(self) -> bytes:
+        """Write a file of all phrases of the page, to be replaced by others."""
+        self.html()
+        return self.words.template()
 
-def as_page(report: Report) -> Page:
-    """Make the page of a :class:`Report`."""
-    return Page(report, parts_of(report, PARTS))
+
+def as_page(report: Report, phrases: Mapping[str, str] = MappingProxyType({})) -> Page:
+    """Make the page of a :class:`Report`, with phrases in the place of English ones."""
+    names = names_of(report.train.topology, [report.description])
+    words = Words(phrases, names)
+    return Page(report, parts_of(report, PARTS, words), words)
 
 
 def parts_of(
-    report: Report, sources: Mapping[str, Callable[[Report], list[Block]]]
+    report: Report,
+    sources: Mapping[str, Callable[[Report], list[Block]]],
+    words: Words | None = None,
 ) -> list[Part]:
     """Make all parts that concern the train; a failure is a sentence in the part, and
     on stderr.
     """
     parts = []
-    macros: Any = environment().get_template("show.html").module
+    macros: Any = environment(words).get_template("show.html").module
     show = macros.show
     for title, gather in sources.items():
         failed = False
@@ -158,7 +170,7 @@ def is_long(group: Sequence[Block]) -> bool:
 
 
 def together(blocks: Sequence[Block]) -> list[list[Block]]:
-    """Group blocks that stay on one page: headings with what they stand above, the words
+    """Group blocks that stay on one page: headings with what they stand above, words
     with which a part begins with a figure behind them, and two narrow figures.
 
     >>> together([Heading("a"), "b", "c"])

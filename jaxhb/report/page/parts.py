@@ -18,6 +18,7 @@ from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.figures.plotly import layout_of
+from jaxhb.report.page.words import Words
 from jaxhb.report.selection import cylinder_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
@@ -220,8 +221,10 @@ def flowing(text: str) -> str:
     )
 
 
-def environment() -> Environment:
-    """Make the environment of templates, which escape their arguments."""
+def environment(words: Words | None = None) -> Environment:
+    """Make the environment of templates, which escape their arguments and replace
+    phrases by ``words``.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     assert __package__ is not None
@@ -232,7 +235,14 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"words": _words, "css": _css_text, "layout": layout_of}
+    words = words or Words()
+    templates.filters |= {
+        "left": _words,
+        "css": _css_text,
+        "layout": layout_of,
+        "told": words,
+        "told_figure": words.figure,
+    }
     kinds = {
         "table": Table,
         "drawn": Figure,
