@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -100,6 +99,9 @@ def page_numbers(pdf: bytes) -> dict[str, int]:
 
 def _print(html: bytes) -> bytes:
     """Print the bytes of a page as those of a PDF."""
+    # It loads modules that no command line without a file needs.
+    import tempfile
+
     browser = find_browser()
     with tempfile.TemporaryDirectory(prefix="jaxhb") as name:
         folder = Path(name)

@@ -332,7 +332,7 @@ def compliance(report: Report) -> list[Block]:
         )
         for (key, name), share in shares.items()
     ]
-    columns = [
+    columns: list[Column | str] = [
         "element",
         Column("judged", left=True),
         Column("rule", left=True),

@@ -119,7 +119,7 @@ class Report:
         """
         low = min(self.rpm)
         high = max(self.rpm)
-        more = np.linspace(low, high, SPEEDS) if low < high else []
+        more = np.linspace(low, high, SPEEDS)  # of one speed it is that again
         return np.unique([*self.rpm, *more])
 
     @cached_property

@@ -103,7 +103,7 @@ class Words:
         return {"text": [*map(self, trace["text"])]} if "text" in trace else {}
 
     def template(self) -> bytes:
-        """Write a file of all phrases that were asked for, and of what replaces them."""
+        """Write a file of all phrases that were asked for and of what replaces them."""
         lines = [
             f"{_quoted(phrase)} = {_quoted(self.phrases.get(phrase, ''))}\n"
             for phrase in self.used
