@@ -215,10 +215,13 @@ class TransientOptions(ComputedOptions, FiringOptions):
 class ReportOptions(
     ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
 ):
-    """Options of ``jaxhb report``; ``transient`` are the rows of (s, rpm) of one."""
+    """Options of ``jaxhb report``; ``transient`` are the rows of (s, rpm) of one,
+    ``words`` the file of the phrases of a page.
+    """
 
     rpm: list[float]
     at: float | None
+    words: str | None
     transient: list[tuple[float, float]] | None
     event: tuple[str, ...]
     gear: str | None

@@ -617,6 +617,13 @@ def transient() -> None:
 )
 @options.certify(", at the speed of --at")
 @options.file("html")
+@options.file("pdf")
+@options.file("phrases")
+@option(
+    "--words FILE.toml",
+    'other words on the page: a table "English" = "other" of phrases, as --phrases'
+    " lists them",
+)
 @option(
     "--tuned SCENE",
     "add another design to the page, as jaxhb tune writes it",

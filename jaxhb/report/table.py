@@ -38,7 +38,8 @@ class Table(str):
     the columns of that SI unit.
 
     columns : texts of each column; groups : (title, first, last) from left to right;
-    left : numbers of the columns that are flush left
+    left : numbers of the columns that are flush left; marked : numbers of the rows that
+    a page shows in red, as those above a limit
     """
 
     caption: str
@@ -46,9 +47,15 @@ class Table(str):
     columns: list[list[str]]
     groups: list[tuple[str, int, int]]
     left: set[int]
+    marked: frozenset[int]
 
     def __new__(
-        cls, caption: str, columns: Sequence[Column | str], rows: Iterable[Any]
+        cls,
+        caption: str,
+        columns: Sequence[Column | str],
+        rows: Iterable[Any],
+        *,
+        marked: Iterable[int] = (),
     ) -> Self:
         """Write values of rows in columns; a word is the head of a column of texts."""
         specs = [Column(each) if isinstance(each, str) else each for each in columns]
@@ -98,6 +105,7 @@ class Table(str):
         table.columns = cells
         table.groups = groups
         table.left = left
+        table.marked = frozenset(marked)
         return table
 
 

@@ -32,6 +32,7 @@ from jaxhb.scene.input_files import (
     read_text,
 )
 from jaxhb.scene.parts import with_parts
+from jaxhb.scene.title_block import TitleBlock, read_title_block
 from jaxhb.scene.workbook.places import in_cells
 from jaxhb.scene.workbook.reading import workbook_content
 from jaxhb.train.assembly import checked
@@ -89,6 +90,15 @@ def scene_description(name: str | Path) -> str:
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
+def scene_title_block(name: str | Path) -> tuple[TitleBlock, Path]:
+    """Read the ``[report]`` of a packaged scene or a file, and return it with the
+    folder in which its logo lies.
+    """
+    path = find_scene(name)
+    table = parse(path, []).get("report")
+    return read_title_block(table, path.name, path.parent, []), path.parent
+
+
 def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
@@ -128,6 +138,7 @@ def _load(path: Path) -> DriveTrain:
         f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}"
         for key in unknown
     ]
+    read_title_block(content.get("report"), path.name, path.parent, errors)
     elements, lost = _read_elements(path, content, errors)
     return checked(
         elements,
@@ -138,7 +149,7 @@ def _load(path: Path) -> DriveTrain:
         temperature=head.get("temperature"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
-        report=_report_units(content.get("report", {}), path.name, errors),
+        report=_report_units(content.get("report"), path.name, errors),
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
@@ -165,15 +176,9 @@ def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, .
 
 
 def _report_units(table: Any, source: str, errors: list[str]) -> dict[str, str]:
-    """Read the ``units`` of ``[report]``, which has no other key."""
+    """Read the ``units`` of ``[report]``, whose other keys stand in the title block."""
     if not isinstance(table, dict):
-        errors.append(f"{source}: 'report' must be a table. Write [report].")
         return {}
-    errors += [
-        f"{source}, [report]: unknown key {shown(key)}.{suggestion(key, ['units'])}"
-        for key in table
-        if key != "units"
-    ]
     units = table.get("units", {})
     if not isinstance(units, dict):
         errors.append(

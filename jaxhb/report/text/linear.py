@@ -523,16 +523,21 @@ def holzer_text(
     """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), with
     ``teeth`` as of :func:`modes_text`.
     """
+    return "\n\n".join(holzer_parts(tables, name, teeth))
+
+
+def holzer_parts(
+    tables: Iterable[tuple[int | None, HolzerTable]], name: str, teeth: str = ""
+) -> list[str]:
+    """Words on Holzer's tables, and the tables, as of :func:`holzer_text`."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
-    return "\n\n".join(
-        [
-            f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
-            f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
-            " kinetic energy.\nThe sum of a row passes through its link.",
-            *(_holzer_table(mode, table) for mode, table in tables),
-        ]
-    )
+    return [
+        f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
+        f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
+        " kinetic energy.\nThe sum of a row passes through its link.",
+        *(_holzer_table(mode, table) for mode, table in tables),
+    ]
 
 
 def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
