@@ -63,7 +63,7 @@ def test_a_sweep_and_one_speed_judge_as_forced_does(scene, run):
         ("largest_torques", "coupling", "_Nm"),
         ("speeds", "coupling", "_rpm"),
         ("irregularities", "engine", ""),
-        ("accelerations", "engine", "_rad/s2"),
+        ("accelerations", "engine", "_rad_per_s2"),
     ):
         expected = forced[kind][name][f"value{unit}"]
         # Linear trains: one motion, whose extremes are found among other samples.
