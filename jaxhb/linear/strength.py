@@ -373,6 +373,16 @@ def speed_of(running: Running, name: str) -> Array:
     return abs(ratio) * namespace(running.rpm, ratio).asarray(running.rpm)
 
 
+def acceleration_of(running: Running, name: str) -> Array:
+    """Half of the peak-to-peak acceleration ``(...)`` rad/s2 of a disk; nan of a motion
+    that never repeats, whose record has none.
+    """
+    motion = running.motion
+    if getattr(motion, "solution", motion) is None:
+        return np.full(np.shape(running.rpm), np.nan)
+    return motion.acceleration(name).half_peak_to_peak
+
+
 def concentrated_stress(running: Running, name: str) -> Array:
     """Additional alternating torsional stress ``(...)`` Pa of a crankshaft, ``tau_N``
     times the larger of its factors: IACS UR M53, torsion alone.
@@ -421,7 +431,7 @@ LIMITS = {
     "accelerations": Limit(
         "acceleration_limit",
         ("disk",),
-        lambda running, name: running.motion.acceleration(name).half_peak_to_peak,
+        acceleration_of,
     ),
 }
 """Limits of one number each, by the fields of a :class:`Strength`."""

@@ -1,13 +1,21 @@
 """Limits of couplings and disks in what commands tell and write."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from limited_line import SCENE
+
+from jaxhb.linear.strength import Running, acceleration_of
 
 LIMITED = SCENE.replace(
     "power_limit = 300",
     "power_limit = 300\nnominal_torque = 1000\nvibratory_torque = 500\n"
     "maximum_torque = 3000\nspeed_limit = 950",
-).replace("damping = 2.0", "damping = 2.0\nspeed_irregularity_limit = 0.02")
+).replace(
+    "damping = 2.0",
+    "damping = 2.0\nspeed_irregularity_limit = 0.02\nacceleration_limit = 200",
+)
 
 
 @pytest.fixture
@@ -44,6 +52,29 @@ def test_forced_tells_couplings_beside_their_limits(scene, run):
             irregular["value"][place], rel=1e-5
         )
     assert "beside the maximum torque T_Kmax" in done.out
+
+
+def test_a_sweep_and_one_speed_judge_as_forced_does(scene, run):
+    forced = run(f"forced {scene} --rpm 420,900", "json").json["strength"]
+    swept = run(f"sweep {scene} --rpm 420,900", "json").json["strength"]
+    solved = run(f"solve {scene} --rpm 420", "json").json["strength"]
+    for kind, name, unit in (
+        ("vibratory_torques", "coupling", "_Nm"),
+        ("largest_torques", "coupling", "_Nm"),
+        ("speeds", "coupling", "_rpm"),
+        ("irregularities", "engine", ""),
+        ("accelerations", "engine", "_rad_per_s2"),
+    ):
+        expected = forced[kind][name][f"value{unit}"]
+        # Linear trains: one motion, whose extremes are found among other samples.
+        assert swept[kind][name][f"value{unit}"] == pytest.approx(expected, rel=1e-5)
+        one = solved[kind][name][f"value{unit}"]
+        assert one == pytest.approx(expected[0], rel=1e-5)
+
+
+def test_a_record_has_no_acceleration_to_judge():
+    recorded = Running(None, np.array([1.0, 2.0]), SimpleNamespace(solution=None))
+    assert np.isnan(acceleration_of(recorded, "engine")).tolist() == [True, True]
 
 
 def test_a_transient_compares_every_instant(scene, run):

@@ -71,7 +71,8 @@ class Limited:
     @property
     def suffix(self) -> str:
         """End of the keys of its numbers in JSON files, the SI unit."""
-        return "" if self.si_unit == "1" else f"_{self.si_unit.replace(' ', '')}"
+        unit = self.si_unit.replace(" ", "").replace("/", "_per_")
+        return "" if unit == "1" else f"_{unit}"
 
     def worst(
         self, row: Stress | ToothTorque | Heat | Bounded
