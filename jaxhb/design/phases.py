@@ -510,7 +510,7 @@ class _Solved:
             self._solve(design, float(phase), places[rows])
             for row in rows:
                 motion = self.solved[int(places[row]), float(phase)]
-                values[row] = _read(motion[None], quantities, design)[0]
+                values[row] = _read(motion, quantities, design)[0]
         return values
 
     def _solve(self, design: DriveTrain, phase: float, places: np.ndarray) -> None:
@@ -520,7 +520,7 @@ class _Solved:
             return
         motion = solve_speeds(design, rpm=self.rpm[fresh])
         for k, place in enumerate(fresh):
-            self.solved[place, phase] = motion[k]
+            self.solved[place, phase] = motion[k : k + 1]
         for lost in np.flatnonzero(~np.asarray(motion.converged)):
             rpm = float(motion.rpm[lost])
             status = int(motion.status[lost])

@@ -2,11 +2,13 @@
 refusals.
 """
 
+import jax
 import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb import Disk, Mesh, SceneError, Shaft, Torque, build
+from jaxhb import Cylinder, Disk, Mesh, SceneError, Shaft, Torque, _program, build
+from jaxhb._store import Store
 from jaxhb.design import Objective, Parameter, Tolerance
 from jaxhb.design.tolerances import box_of
 
@@ -412,3 +414,58 @@ def test_a_stopped_robust_tuning_gives_the_best_design_so_far_and_ends_the_searc
     assert tuned.robust is None
     assert seen.count(0) == 2
     assert tuned.train.value("absorber.damping") != 1.0
+
+
+@pytest.mark.slow
+def test_a_number_that_the_scene_leaves_out_has_a_tolerance():
+    """A factor on the gas torque scales all of the response: the worst is at its end."""
+    cylinder = Cylinder(
+        name="cylinder",
+        disk="a",
+        bore=0.1,
+        stroke=0.1,
+        rod=0.2,
+        reciprocating_mass=0.0,
+        gas_torque=((0.5, 4.0, 0.0), (1.0, 3.0, 2.0)),
+    )
+    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), cylinder]
+    parts += [Shaft(between=("a", "b"), stiffness=6.7e3, damping=4.0)]
+    train = build(parts, name="gas", revolutions_per_cycle=2)
+    assert train.cylinders.gas_factor is None
+    factor = Tolerance(name="cylinder.gas_factor", low=0.9, high=1.2)
+    found = jaxhb.tolerance(
+        train, rpm=[900.0], of=[TORQUE], tolerances=[factor], harmonics=4
+    )
+    assert found.worst[0, 0] == pytest.approx(1.2 * found.nominal[0, 0], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_second_process_traces_no_program_of_a_search(tmp_path, monkeypatch):
+    traced = []
+    trace = _program.Program._trace
+
+    def counted(program, call):
+        traced.append(program.__qualname__)
+        return trace(program, call)
+
+    monkeypatch.setattr(_program.Program, "_trace", counted)
+    monkeypatch.setattr(_program, "_store", Store(tmp_path))
+    # A program out of jax's cache is not stored: none gets there.
+    setting = "jax_persistent_cache_min_compile_time_secs"
+    shared = getattr(jax.config, setting)
+    jax.config.update(setting, 1e9)
+    found = []
+    for _ in range(2):
+        # What a process that has just begun has not.
+        monkeypatch.setattr(_program, "_compiled", {})
+        traced.clear()
+        found.append(
+            jaxhb.tolerance(
+                pair(), rpm=RPM[:1], of=[TORQUE], tolerances=BOX, harmonics=5
+            )
+        )
+        if len(found) == 1:
+            assert "problems_of_designs" in traced
+    jax.config.update(setting, shared)
+    assert traced == []
+    np.testing.assert_array_equal(found[0].worst, found[1].worst)
