@@ -31,6 +31,7 @@ LEAST = 0.05
 is left out.
 """
 
+FEWEST = 3  # critical speeds that are shown, however small they are
 NODES = 3  # links that are named as places of nodes
 HOLZER_DISKS = 60  # disks of a train that has Holzer's tables
 HOLZER_MODES = 2  # of the modes with critical speeds
@@ -74,10 +75,11 @@ def critical_table(
         passage.torque / largest if np.isnan(passage.share) else passage.share
         for passage in passages
     ]
+    largest_sizes = sorted(sizes, reverse=True)[:FEWEST]
     shown = [
         passage
         for passage, size in zip(passages, sizes, strict=True)
-        if size >= LEAST or np.isnan(size)
+        if size >= min(LEAST, *largest_sizes)
     ]
     judged = any(np.isfinite(passage.share) for passage in shown)
     several = len(report.cases) > 1
@@ -97,10 +99,10 @@ def critical_table(
     )
     of_what = "its limit" if judged else "the largest torque"
     left_out = (
-        f"{len(passages) - len(shown)} critical speeds have less than {100 * LEAST:g} %"
+        f"{len(passages) - len(shown)} more have less than {100 * LEAST:g} %"
         f" of {of_what}: left out."
     )
-    return [*[table] * bool(shown), *[left_out] * (len(shown) < len(passages))]
+    return [table, *[left_out] * (len(shown) < len(passages))]
 
 
 def _columns(

@@ -135,7 +135,7 @@ def _values(report: Report, title: str, seat: Seat) -> np.ndarray:
     nan without an answer.
     """
     if not report.is_linear:
-        (case,) = [case for case in report.cases if case.title == title]
+        case = next(case for case in report.cases if case.title == title)
         return seat.quantity.of(case.answers, seat.name)
     response = report.responses[title]
     return seat.quantity.factor * _swing(response, seat)
