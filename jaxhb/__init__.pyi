@@ -64,15 +64,23 @@ from .integration.reference import (
     integrate as integrate,
     shooting_correction as shooting_correction,
 )
-from .linear.contributions import (
-    Contributions as Contributions,
-    cylinder_contributions as cylinder_contributions,
-)
 from .linear.critical import (
     Campbell as Campbell,
     Critical as Critical,
     campbell as campbell,
     critical_speed as critical_speed,
+)
+from .linear.cylinders.contributions import (
+    Contributions as Contributions,
+    cylinder_contributions as cylinder_contributions,
+)
+from .linear.cylinders.tangential import (
+    TangentialTable as TangentialTable,
+    tangential_pressure as tangential_pressure,
+)
+from .linear.cylinders.vector_sums import (
+    VectorSums as VectorSums,
+    vector_sums as vector_sums,
 )
 from .linear.damped import (
     DampedModes as DampedModes,
@@ -119,14 +127,6 @@ from .linear.strength import (
     torsional_stress as torsional_stress,
 )
 from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
-from .linear.tangential import (
-    TangentialTable as TangentialTable,
-    tangential_pressure as tangential_pressure,
-)
-from .linear.vector_sums import (
-    VectorSums as VectorSums,
-    vector_sums as vector_sums,
-)
 from .results.bounds import Certificate as Certificate, Kantorovich as Kantorovich
 from .results.checkpoint import CheckpointError as CheckpointError
 from .results.response import Response as Response

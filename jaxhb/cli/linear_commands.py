@@ -17,6 +17,8 @@ from jaxhb.linear.critical import (
     mode_kinds,
     modes_of,
 )
+from jaxhb.linear.cylinders.tangential import tangential_pressure
+from jaxhb.linear.cylinders.vector_sums import vector_sums
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.heat import heat_balance
 from jaxhb.linear.holzer import HolzerTable, holzer_table
@@ -24,8 +26,6 @@ from jaxhb.linear.margins import separations
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
-from jaxhb.linear.tangential import tangential_pressure
-from jaxhb.linear.vector_sums import vector_sums
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.phase_diagrams import plot_vector_sums
 from jaxhb.report.figures.speeds import plot_forced

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb.linear.vector_sums import VectorSums
+from jaxhb.linear.cylinders.vector_sums import VectorSums
 from jaxhb.report.figures.draw import empty
 
 if TYPE_CHECKING:

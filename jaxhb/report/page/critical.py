@@ -10,11 +10,11 @@ import numpy as np
 
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import ELASTIC, Critical
+from jaxhb.linear.cylinders.vector_sums import vector_sums
 from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.strength import strength
-from jaxhb.linear.vector_sums import vector_sums
 from jaxhb.report.orders import OrderNames, order_names
 from jaxhb.report.page.elements import forward_end
 from jaxhb.report.page.parts import Block, Report

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number
 from jaxhb.elements.sentences import SceneError, suggestion
-from jaxhb.linear.contributions import Contributions, cylinder_contributions
+from jaxhb.linear.cylinders.contributions import Contributions, cylinder_contributions
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.heat import span_of
 from jaxhb.linear.strength import Strength, strength, train_of

@@ -19,13 +19,13 @@ from jaxhb.linear.critical import (
     Critical,
     shares_in_mode,
 )
+from jaxhb.linear.cylinders.vector_sums import VectorSums
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.heat import span_of, warm_names
 from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.margins import Separation
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
-from jaxhb.linear.vector_sums import VectorSums
 from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table

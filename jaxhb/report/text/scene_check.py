@@ -17,8 +17,8 @@ from jaxhb.equations.fourier import sample
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_gas_torques
 from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
+from jaxhb.linear.cylinders.tangential import TangentialTable
 from jaxhb.linear.strength import train_of
-from jaxhb.linear.tangential import TangentialTable
 from jaxhb.report.files.output import Sheet
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, plain_number
