@@ -154,7 +154,7 @@ CALLS = {
     "gradient_and_error": None,
     "block_sweep": lambda x: jaxhb.block_sweep(balanced(x), ONES, ONES).sum(),
     "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
-    "heat_balance": lambda x: jaxhb.heat_balance(shaft(x), rpm=40.0).status,
+    "heat_balance": lambda x: jaxhb.heat_balance(shaft(x), rpm=40.0).input_power,
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
     "measured_orders": (

@@ -150,7 +150,7 @@ def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array
 
 
 def _linearised(
-    resulting: Callable[[jax.Array], jax.Array], place: jax.Array
+    resulting: Callable[[jax.Array], Array], place: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """g - A ``(A,)`` at a place A, and 1 - dg/dA ``(A, A)``, of a function g."""
     value, push = jax.linearize(resulting, place)
@@ -167,7 +167,7 @@ def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
 
 
 def at_rest(
-    resulting: Callable[[jax.Array], jax.Array], start: Array, settled: float
+    resulting: Callable[[jax.Array], Array], start: Array, settled: float
 ) -> jax.Array:
     """Where ``dA/dt = g(A) - A`` comes to rest from ``start`` ``(A,)`` upwards, with g
     the function ``resulting``; to ``settled`` of its first change, or as far as STEPS

@@ -67,6 +67,7 @@ def test_the_temperature_is_that_at_which_the_heat_is_given_off(rpm):
     )
 
 
+@pytest.mark.slow
 def test_speeds_are_found_beside_each_other_as_alone():
     speeds = np.linspace(200.0, 1500.0, 6)
     train = built(damped())
