@@ -94,12 +94,12 @@ class _Writer:
         for table, cls in classes.items():
             rows = content.get(table, [])
             rows = [rows] if isinstance(rows, dict) else rows
-            columns = _sorted(columns_of(cls), rows)
-            self._elements(table, columns, rows, example=disks or ["crank"])
+            by_use = _sorted(columns_of(cls), rows)
+            self._elements(table, by_use, rows, example=disks or ["crank"])
         self._beside(content)
         # Lists of tables name sheets of rows in turn.
-        for name, columns, rows in self._later:
-            self._elements(name, columns, rows)
+        for name, inner, rows in self._later:
+            self._elements(name, inner, rows)
         stream = io.BytesIO()
         self._book.save(stream)
         return stream.getvalue()
