@@ -414,3 +414,35 @@ def test_csv_rows_of_a_scene_come_on_sheets_that_elements_share(tmp_path):
     assert "six_cylinder_diesel_pressure" in book.sheetnames
     named = parse(find_scene("six_cylinder_diesel"), [])["cylinder"][0]["pressure"]
     assert named == "six_cylinder_diesel_pressure.csv"
+
+
+CELLS = (
+    *(0, -1, 1e300, 1e-300, 1.5, "x", "crank", "=1+1", "a" * 3000, True, None, "é"),
+    *("[]", "[[]]", '[[1, 2], ["a", 3]]', '{"a": 1}', "1,5", "1.2,3", "5 bar", "#x"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["first_scene", "inline_four_timing_drive", EVENTS])
+def test_a_mutated_workbook_is_read_or_refused_in_a_few_short_sentences(name, tmp_path):
+    whole = scene_workbook(name)
+    path = tmp_path / "changed.xlsx"
+    refusals = 0
+    for seed in range(12):
+        draw = np.random.default_rng(seed)
+        book = openpyxl.load_workbook(io.BytesIO(whole))
+        sheet = book.worksheets[draw.integers(1, len(book.worksheets))]
+        filled = [c for row in sheet.iter_rows() for c in row if c.value is not None]
+        cell = filled[draw.integers(len(filled))]
+        cell.hyperlink = None
+        cell.value = CELLS[draw.integers(len(CELLS))]
+        book.save(path)
+        try:
+            jaxhb.plausibility(load_scene(path))
+        except jaxhb.SceneError as error:
+            refusals += 1
+            lines = str(error).splitlines()
+            assert len(lines) <= 13, seed
+            assert all(len(line) <= 1000 for line in lines), seed
+            assert "sheet" in lines[0] or "sequence" in lines[0], lines
+    assert refusals >= 4
