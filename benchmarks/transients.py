@@ -233,10 +233,11 @@ def march_parts(train, steady):
     table = speed_table(DURATION, [(0.0, LOW), (DURATION, HIGH)], None)
     plan = Plan(table, course(values, occurrences(values, ()), table), free=False)
     equations = TransientEquations.of(train, values, plan)
-    steps = transient._grid(equations, plan, DURATION, 1)
-    marching, _ = equations.marching(plan, steps)
+    steps = transient._grid(equations, plan, DURATION, 1, transient.StepRate())
+    prepared = equations.set_up(plan, steps)
+    marching = prepared.marching
     blocks = transient.blocks_of(train, plan, steps, marching)
-    state = equations.begin(steady, plan)
+    state = equations.begin(prepared.coordinates, steady, plan)
     seconds = {"equations, weights, panels": time.perf_counter() - begin}
     count = transient.CHUNK
     parts = [

@@ -54,6 +54,7 @@ from .elements.events import (
 from .elements.excitations.crank_slider import (
     Combustion as Combustion,
     Cylinder as Cylinder,
+    TangentialPressure as TangentialPressure,
     Trace as Trace,
 )
 from .elements.excitations.torque import Torque as Torque
@@ -62,6 +63,10 @@ from .floquet.stability import Stability as Stability, stability as stability
 from .integration.reference import (
     integrate as integrate,
     shooting_correction as shooting_correction,
+)
+from .linear.contributions import (
+    Contributions as Contributions,
+    cylinder_contributions as cylinder_contributions,
 )
 from .linear.critical import (
     Campbell as Campbell,
@@ -80,6 +85,7 @@ from .linear.forced import (
     forced_response as forced_response,
     frequency_response as frequency_response,
 )
+from .linear.heat import heat_balance as heat_balance
 from .linear.holzer import (
     HolzerTable as HolzerTable,
     holzer_residual as holzer_residual,
@@ -113,6 +119,14 @@ from .linear.strength import (
     torsional_stress as torsional_stress,
 )
 from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
+from .linear.tangential import (
+    TangentialTable as TangentialTable,
+    tangential_pressure as tangential_pressure,
+)
+from .linear.vector_sums import (
+    VectorSums as VectorSums,
+    vector_sums as vector_sums,
+)
 from .results.bounds import Certificate as Certificate, Kantorovich as Kantorovich
 from .results.checkpoint import CheckpointError as CheckpointError
 from .results.response import Response as Response

@@ -47,6 +47,27 @@ ENGINE = build(
         Load(disk="b"),
     ],
 )
+BURNING = build(
+    [
+        *(Disk(name=name, inertia=2.0) for name in "ab"),
+        Shaft(between=("a", "b"), stiffness=100.0, damping=0.5),
+        Cylinder(
+            name="one",
+            disk="a",
+            bore=0.1,
+            stroke=0.12,
+            rod=0.2,
+            combustion=jaxhb.Combustion(
+                compression_ratio=16.0,
+                charge_pressure=2e5,
+                start=-5.0,
+                duration=60.0,
+                imep=1e6,
+            ),
+        ),
+        Load(disk="b"),
+    ],
+)
 TORQUE = Objective(quantity="shaft torque", of="a|b")
 MEASURED = Measured(
     np.full(2, 40.0),
@@ -115,6 +136,11 @@ CALLS = {
     "cut_off_each": lambda x: jaxhb.cut_off_each(
         ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]
     ),
+    "cylinder_contributions": lambda x: jaxhb.cylinder_contributions(
+        ENGINE.replace({"a|b.stiffness": 100.0 * x}),
+        lambda response: response.torque("a", "b"),
+        rpm=[40.0],
+    ).total[0, 0],
     "damped_eigenvalues": (
         lambda x: jnp.abs(jaxhb.damped_eigenvalues(shaft(x), MODES)).sum()
     ),
@@ -128,6 +154,7 @@ CALLS = {
     "gradient_and_error": None,
     "block_sweep": lambda x: jaxhb.block_sweep(balanced(x), ONES, ONES).sum(),
     "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
+    "heat_balance": lambda x: jaxhb.heat_balance(shaft(x), rpm=40.0).status,
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
     "measured_orders": (
@@ -171,6 +198,9 @@ CALLS = {
     "strength": lambda x: (
         jaxhb.strength(forced(x), train=shaft(x)).stresses["a|b"].stress
     ),
+    "tangential_pressure": lambda x: jaxhb.tangential_pressure(
+        BURNING.replace({"one.combustion.imep": 1e6 * x}), "one", rpm=40.0 * x
+    ).amplitude[1, 0],
     "tolerance": lambda x: jaxhb.tolerance(
         shaft(x), tolerances=[SPREAD], rpm=[40.0], of=[TORQUE]
     ).worst[0, 0],
@@ -204,6 +234,9 @@ CALLS = {
         lambda x: weak_cylinder(
             ENGINE.replace({"a|b.stiffness": 100.0 * x}), MEASURED
         ).std[0]
+    ),
+    "vector_sums": lambda x: jnp.abs(
+        jaxhb.vector_sums(ENGINE.replace({"one.firing_angle": 10.0 * x})).sums[0]
     ),
     "worst_phase": (
         lambda x: jaxhb.worst_phase(excited(x), "turn", rpm=[40.0], of=[TORQUE]).worst[
@@ -313,6 +346,7 @@ def test_what_is_no_speed_is_refused_in_a_sentence_by_every_verb(rpm, sentence):
         jaxhb.steady_state,
         jaxhb.solve_all,
         jaxhb.forced_response,
+        jaxhb.heat_balance,
         jaxhb.campbell,
         jaxhb.integrate,
         jaxhb.at_mean_load,

@@ -38,9 +38,13 @@ class SceneOptions(CommonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ChangedOptions(CommonOptions):
-    """Values of the scene that a command changes."""
+    """Values of the scene that a command changes, and the units in which it shows
+    quantities, by their names.
+    """
 
     set: tuple[Setting, ...]
+    units: Mapping[str, str] | None = None
+    rules: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,16 +117,27 @@ class SpectraOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(ComputedOptions):
-    """Options of ``jaxhb check``."""
+    """Options of ``jaxhb check``; ``excitation`` is the cylinder whose tangential
+    pressures are asked for, at ``loads``, none for its own.
+    """
 
     rpm: list[float] | None
+    excitation: str | None
+    loads: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModesOptions(ComputedOptions):
-    """Options of ``jaxhb modes``."""
+    """Options of what takes modes."""
 
     at: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeOptions(ModesOptions):
+    """Options of ``jaxhb modes``."""
+
+    vector_sums: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,10 +159,13 @@ class CampbellOptions(ModesOptions, FiringOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcedOptions(ComputedOptions, FiringOptions, SpectraOptions):
-    """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
+    """Options of ``jaxhb forced``; ``element`` are those told speed by speed, and with
+    ``by_cylinder`` by what each cylinder adds.
+    """
 
     rpm: list[float]
     element: tuple[str, ...]
+    by_cylinder: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,10 +215,13 @@ class TransientOptions(ComputedOptions, FiringOptions):
 class ReportOptions(
     ComputedOptions, FiringOptions, MotionOptions, SpectraOptions, ParallelOptions
 ):
-    """Options of ``jaxhb report``; ``transient`` are the rows of (s, rpm) of one."""
+    """Options of ``jaxhb report``; ``transient`` are the rows of (s, rpm) of one,
+    ``words`` the file of the phrases of a page.
+    """
 
     rpm: list[float]
     at: float | None
+    words: str | None
     transient: list[tuple[float, float]] | None
     event: tuple[str, ...]
     gear: str | None

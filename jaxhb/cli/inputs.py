@@ -9,9 +9,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from jaxhb.cli import arguments as cli
+from jaxhb.elements.units import Shown, chosen_units
 from jaxhb.report.files import output
 from jaxhb.report.files.formats import FORMATS
-from jaxhb.scene.files import load_scene, scene_description, scene_names
+from jaxhb.scene.files import (
+    load_scene,
+    read_rules,
+    scene_description,
+    scene_names,
+)
 from jaxhb.scene.input_files import Unreadable, read_bytes
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 from jaxhb.train.drivetrain import DriveTrain
@@ -41,15 +47,20 @@ def new(arguments: cli.CommonOptions) -> int:
             f"{FORMATS[form].option}: {file!r} is there already, and is not"
             " overwritten. Give another name."
         )
-    files: dict[str, bytes] = {}
+    text, tables = scene_text(arguments.scene, called=path.stem)
     if form == "xlsx":
         from jaxhb.scene.workbook.writing import scene_workbook
 
-        files[file] = scene_workbook(arguments.scene, called=path.stem)
+        # Rows come on sheets; parts and rules stay files.
+        beside = {name: table for name, table in tables.items() if ".toml" in name}
+        copies = copies_beside(beside, path.parent, "--xlsx")
+        content = scene_workbook(
+            arguments.scene, called=path.stem, renamed=copies.names
+        )
     else:
-        text, tables = scene_text(arguments.scene, called=path.stem)
         copies = copies_beside(tables, path.parent, "FILE")
-        files |= {file: copies.renamed(text).encode()} | copies.files
+        content = copies.renamed(text).encode()
+    files = {file: content} | copies.files
     output.write_files(files)
     if not arguments.quiet:
         for name in files:
@@ -106,11 +117,23 @@ def read(arguments: cli.ChangedOptions, constant_links: bool) -> DriveTrain:
         train = train.scenario(computed.scenario)
     if arguments.set:
         train = train.replace(dict(arguments.set))
+    if arguments.rules:
+        train = train.with_rules(*read_rules(arguments.rules, Path()))
     if computed and constant_links and computed.links_at:
         train = train.with_constant_links(**dict(computed.links_at))
     if computed and computed.viscous is not None:
         train = train.with_viscous_damping(hz=computed.viscous)
     return train
+
+
+def shown_units(
+    arguments: cli.ChangedOptions, train: DriveTrain | None
+) -> dict[str, Shown]:
+    """Units in which a command shows quantities: of the scene, and of ``--units``
+    before those; ``train`` is one of the scene, if there is one already.
+    """
+    train = load_scene(arguments.scene) if train is None else train
+    return chosen_units(train.report_units | dict(arguments.units or {}))
 
 
 def check_files(

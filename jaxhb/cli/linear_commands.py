@@ -1,8 +1,9 @@
 """Commands of the linear train: compute, print for people, write for programs."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import misfire_trains, status
@@ -17,11 +18,16 @@ from jaxhb.linear.critical import (
     modes_of,
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.heat import heat_balance
 from jaxhb.linear.holzer import HolzerTable, holzer_table
+from jaxhb.linear.margins import separations
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
+from jaxhb.linear.tangential import tangential_pressure
+from jaxhb.linear.vector_sums import vector_sums
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
+from jaxhb.report.figures.phase_diagrams import plot_vector_sums
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.compared import of_forced
 from jaxhb.report.files.formats import deliver, named
@@ -29,7 +35,10 @@ from jaxhb.report.files.numbers import not_firing_record
 from jaxhb.report.files.output import ANSWERED, OutputError, Sheet, sheet
 from jaxhb.report.orders import order_names
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text import forced as forced_text, linear as linear_text
+from jaxhb.report.text import (
+    forced as forced_text,
+    linear as linear_text,
+)
 from jaxhb.report.text.scene_check import (
     ANY_SPEED,
     check_record,
@@ -37,6 +46,9 @@ from jaxhb.report.text.scene_check import (
     own_speeds,
     scene_notes,
     table_notes,
+    tangential_record,
+    tangential_sheet,
+    tangential_text,
 )
 from jaxhb.report.text.sentences import firing_lines, remarks_text
 from jaxhb.report.text.strength import strength_text
@@ -78,19 +90,41 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
             parts.append(f"These are the {len(kinds)} lowest modes of {disks} disks.")
         record |= {"modes": linear_text.modes_record(modes, kinds, ratios)}
         parts += remarks_text(linear_text.approximations(constant), "Of the modes")
+    makers: dict[str, Callable[[], Any]] = {"record": lambda: record}
+    if arguments.excitation is None:
+        _refuse_without(
+            train,
+            "--excitation",
+            ["--loads"] * bool(arguments.loads)
+            + [f"--{name}" for name in named(arguments, "rows")],
+        )
+    else:
+        table = tangential_pressure(
+            train,
+            arguments.excitation,
+            rpm=(speeds or [ANY_SPEED])[-1],
+            loads=arguments.loads or None,
+        )
+        parts.append(tangential_text(table))
+        record |= {"excitation": tangential_record(table)}
+        makers["rows"] = lambda: tangential_sheet(table)
     text = "\n\n".join([*parts, *remarks_text(remarks)])
-    deliver(arguments, text, {"record": lambda: record})
+    deliver(arguments, text, makers)
     return status(forced_text.forced_failures(response))
 
 
-def modes(train: DriveTrain, arguments: cli.ModesOptions) -> int:
+def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
     """Natural frequencies of a scene."""
     constant = _constant(train, arguments.at, arguments.links_at)
     teeth = _with_teeth(arguments, None, [constant])
     (train,) = teeth.trains
     modes, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
-    if "plot" in arguments.files and not elastic:
+    if not arguments.vector_sums:
+        _refuse_without(
+            train, "--vector-sums", [f"--{name}" for name in named(arguments, "rows")]
+        )
+    if "plot" in arguments.files and not (elastic or arguments.vector_sums):
         raise OutputError(
             "--plot: no mode strains a link, so there is no shape to draw."
         )
@@ -99,11 +133,22 @@ def modes(train: DriveTrain, arguments: cli.ModesOptions) -> int:
     ]
     if len(span(train.topology).loops):
         parts += linear_text.energies_text(modes, kinds)
-    parts += [*teeth.notes, *remarks_text(train.topology.notes)]
-    makers = {
-        "record": lambda: linear_text.modes_record(modes, kinds, ratios) | teeth.record,
+    margins = separations(train, modes, kinds)
+    parts += linear_text.separation_tables(margins, train.topology.operating_rpm)
+    record = linear_text.modes_record(modes, kinds, ratios) | teeth.record
+    record |= linear_text.separation_record(margins)
+    makers: dict[str, Callable[[], Any]] = {
+        "record": lambda: record,
         "figure": lambda: plot_modes(train, modes, elastic, ratios),
     }
+    if arguments.vector_sums:
+        sums = vector_sums(train, modes=modes, numbers=elastic)
+        parts += linear_text.vector_text(sums, modes, order_names(train))
+        record |= linear_text.vector_record(sums)
+        makers["rows"] = lambda: linear_text.vector_sheet(sums)
+        title = f"{train.topology.title}: phase diagrams of the firing"
+        makers["figure"] = lambda: plot_vector_sums(sums, title)
+    parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     deliver(arguments, "\n\n".join(parts), makers)
     return ANSWERED
 
@@ -195,7 +240,7 @@ def _at_critical_speeds(
     if len(trains) == 1 or not speeds:
         return {}
     return {
-        cylinder: forced_response(_constant(train, None, links_at), rpm=speeds)
+        cylinder: heat_balance(_constant(train, None, links_at), rpm=speeds)
         for cylinder, train in trains.items()
     }
 
@@ -214,7 +259,7 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
             " Leave one of them out."
         )
     cases = {
-        cylinder: forced_response(one_train, rpm=rpm)
+        cylinder: heat_balance(one_train, rpm=rpm)
         for cylinder, one_train in trains.items()
     }
     titles = dict.fromkeys(cases, "")
@@ -238,6 +283,11 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
     parts = [
         forced_text.forced_text(cases, readings, worst, each=bool(arguments.element))
     ]
+    added = []
+    if arguments.by_cylinder:
+        _refuse_without(train, "--element", ["--by-cylinder"] * (not arguments.element))
+        added = forced_text.contributions_of(trains[""], readings)
+    parts += [forced_text.contributions_text(*one) for one in added]
     parts += strength_text(
         {
             f"With {titles[cylinder]}" if worst else "": case
@@ -250,6 +300,7 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
         "record": lambda: (
             not_firing_record(*trains.values())
             | forced_text.forced_record(cases, readings, judged, worst, orders=orders)
+            | forced_text.contributions_record(added)
             | {"notes": notes}
         ),
         # An order that a response does not have has no column there: its amplitude is
@@ -263,6 +314,15 @@ def forced(train: DriveTrain, arguments: cli.ForcedOptions) -> int:
     deliver(arguments, "\n\n".join(parts), makers)
     compare(arguments, lambda: of_forced(cases, readings, judged))
     return status(failures)
+
+
+def _refuse_without(train: DriveTrain, option: str, needed: Sequence[str]) -> None:
+    """Refuse options that mean nothing without another one."""
+    if needed:
+        raise SceneError(
+            f"{train.topology.title}: {', '.join(needed)} needs {option}. Give it, or"
+            f" leave {', '.join(needed)} out."
+        )
 
 
 def _constant(

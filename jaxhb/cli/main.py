@@ -291,23 +291,54 @@ def scene() -> None:
     "speeds of the mean torques, rpm (default: the lowest and highest speed tabulated)",
     read_speeds,
 )
+@option(
+    "--excitation CYLINDER",
+    "print the tangential pressures of this cylinder by order, at the last speed, with"
+    " and without injection",
+    shell_complete=of_elements("cylinder"),
+)
+@option(
+    "--loads L [L ...]",
+    "loads of --excitation, shares of the mean effective pressure at full load"
+    " (default: that at the speed)",
+    positive,
+)
 @options.file("json", "write all results for programs, SI units")
+@options.file(
+    "csv",
+    "write the rows of --excitation, which a tangential_pressure of a scene reads, Pa",
+)
+@options.file("xlsx")
 def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
-    Reads a scene and reports mean torques and tooth forces, the damping of every mesh,
-    and natural frequencies with damping ratios. Notes name values that are allowed but
-    implausible, such as a pressure in bar or a bore in mm. They are not errors; solve,
-    sweep and report print them, too.
+    Reads a scene and reports mean torques and tooth forces, the numbers of every
+    cylinder, the damping of every mesh, and natural frequencies with damping ratios.
+    Notes name values that are allowed but implausible, such as a pressure in bar or a
+    bore in mm. They are not errors; solve, sweep and report print them, too.
     """
 
 
-@command(cli.ModesOptions, "linear_commands", DONE, "modes six_cylinder_diesel")
+@command(
+    cli.ShapeOptions,
+    "linear_commands",
+    DONE,
+    "modes six_cylinder_diesel",
+    "modes six_cylinder_diesel --vector-sums --plot stars.png",
+)
 @options.SCENE
 @options.MEAN_LOAD
+@option(
+    "--vector-sums",
+    "print the vector sums of the firing angles too, by order, and weighted by the"
+    " modes",
+)
 @options.file("json", "write frequencies and shapes for programs")
+@options.file("csv", "write the vector sums for spreadsheets, one row per order")
+@options.file("xlsx")
 @options.plot(
-    "shapes of the first six modes that strain links, with nodes and damping ratios"
+    "shapes of the first six modes that strain links, with nodes and damping ratios;"
+    " with --vector-sums, phase diagrams of the orders instead"
 )
 def modes() -> None:
     """Natural frequencies in Hz, undamped, and mode shapes."""
@@ -393,6 +424,11 @@ def campbell() -> None:
     " the largest values of all elements)",
     multiple=True,
     shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
+)
+@option(
+    "--by-cylinder",
+    "what each cylinder adds to the main orders of every --element, at the speed of its"
+    " largest vibration",
 )
 @options.EACH_MISFIRE
 @options.files("orders and synthesis of up to four elements over the speed")
@@ -583,6 +619,13 @@ def transient() -> None:
 )
 @options.certify(", at the speed of --at")
 @options.file("html")
+@options.file("pdf")
+@options.file("phrases")
+@option(
+    "--words FILE.toml",
+    'other words on the page: a table "English" = "other" of phrases, as --phrases'
+    " lists them",
+)
 @option(
     "--tuned SCENE",
     "add another design to the page, as jaxhb tune writes it",

@@ -26,7 +26,6 @@ from jaxhb.report.figures.speeds import plot_tolerance
 from jaxhb.report.files import numbers, output
 from jaxhb.report.files.compared import of_worst
 from jaxhb.report.files.formats import deliver
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import plain_number
@@ -35,6 +34,7 @@ from jaxhb.report.text.tolerances import (
     tolerance_record,
     tolerance_rows,
 )
+from jaxhb.report.units import shown_unit
 from jaxhb.studies.campaign import PLACE, CampaignSummary, campaign as run
 from jaxhb.studies.study import Study, load_study
 from jaxhb.train.drivetrain import DriveTrain

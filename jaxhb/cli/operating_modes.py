@@ -240,9 +240,9 @@ def _worst(by_title: Mapping[str, cli.ComputedOptions]) -> dict[str, dict]:
 
 def _table(worst: Mapping[str, Mapping]) -> str:
     """The largest values of all modes, for people."""
-    from jaxhb.report.quantities import shown_unit
     from jaxhb.report.table import Column, Table
     from jaxhb.report.text.columns import plain_number
+    from jaxhb.report.units import shown_unit
 
     lines = []
     for key, row in worst.items():

@@ -19,7 +19,7 @@ import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.values import place, positive, setting, share, whole
+from jaxhb.cli.values import place, positive, setting, share, units, whole
 from jaxhb.report.files.formats import FORMATS, OF_NUMBERS
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
@@ -147,11 +147,14 @@ class Command(click.Command):
             # It takes a fraction of the time of importing jax.
             train = inputs.read(arguments, constant_links)
         function = self._function()
-        if train is not None:
-            return function(train, arguments)
         from jaxhb.cli.resume import as_one
+        from jaxhb.report.units import shown_in
 
-        with as_one():
+        shown = inputs.shown_units(arguments, train)
+        if train is not None:
+            with shown_in(shown):
+                return function(train, arguments)
+        with as_one(), shown_in(shown):
             return operating_modes.each(
                 function,
                 arguments,
@@ -329,12 +332,18 @@ SCENE_ARGUMENT = click.argument(
 QUIET = option("--quiet", "print errors only; use files and the exit status")
 SET = option(
     "--set NAME.FIELD=VALUE",
-    'change a value of the scene, SI units: "crank damper.damping=300",'
-    ' "idler.teeth=40"; may be repeated',
+    'change a value of the scene, SI units or with a unit: "crank damper.damping=300",'
+    ' "coupling.stiffness=36 kN m/rad", "idler.teeth=40"; may be repeated',
     setting,
     multiple=True,
 )
-SCENE_OF_TUNING = together(SCENE_ARGUMENT, QUIET, SET)
+UNITS = option(
+    "--units QUANTITY=UNIT,...",
+    'show quantities in these units: "torque=kN m,angle=mrad,speed=Hz" (default: those'
+    " of [report] in the scene); JSON, CSV and NetCDF files stay in SI units",
+    units,
+)
+SCENE_OF_TUNING = together(SCENE_ARGUMENT, QUIET, SET, UNITS)
 SCENE = together(
     SCENE_OF_TUNING,
     option(
@@ -342,6 +351,12 @@ SCENE = together(
         "apply the changes of [scenario.NAME] of the scene; may be repeated; all:"
         " every scenario in turn, with the worst one for each quantity",
         to="scenarios",
+        multiple=True,
+    ),
+    option(
+        "--rules NAME|FILE",
+        "judge by this rule before those of the scene: a name, or a .toml with a rule"
+        " of yours (docs/how_to/strength.md); may be repeated",
         multiple=True,
     ),
     option(

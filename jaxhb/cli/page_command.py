@@ -31,6 +31,7 @@ from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_case
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
 from jaxhb.report.figures.transients import transient_figures
+from jaxhb.report.files.browser import find_browser
 from jaxhb.report.files.compared import of_answers
 from jaxhb.report.files.formats import FORMATS, deliver, named
 from jaxhb.report.files.numbers import answer_row, cases_record, labelled, on_scene
@@ -53,8 +54,14 @@ from jaxhb.report.transients import (
     transient_report,
 )
 from jaxhb.results.checkpoint import place_in
-from jaxhb.scene.files import find_scene, load_scene, scene_description
+from jaxhb.scene.files import (
+    find_scene,
+    load_scene,
+    scene_description,
+    scene_title_block,
+)
 from jaxhb.scene.input_files import read_bytes
+from jaxhb.scene.title_block import logo_address
 from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
@@ -92,6 +99,7 @@ def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
         raise OutputError(
             f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it."
         )
+    phrases = _phrases(arguments)
     second = _checked_page(train, arguments)
     trains = misfire_trains(train, arguments, each=True)
     each = len(trains) > 1
@@ -129,7 +137,8 @@ def report(train: DriveTrain, arguments: cli.ReportOptions) -> int:
     if named(arguments, "page"):
         from jaxhb.report.page.page import as_page
 
-        page, whole = as_page(_report_of(arguments, computed))
+        page = as_page(_report_of(arguments, computed), phrases)
+        whole = page.whole
     _deliver(arguments, text, cases, computed, worst, page)
     unfinished.forget()
     answers = [answer for case in computed.cases for answer in case.answers]
@@ -241,6 +250,8 @@ def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain
     """
     without_page = f"on the page only. Add {FORMATS['html'].spelled}."
     shown = named(arguments, "page")
+    if "pdf" in shown:
+        find_browser()
     if (arguments.tuned or arguments.tune) and not shown:
         option = "tune" if arguments.tune else "tuned"
         raise OutputError(f"--{option}: the second design appears {without_page}")
@@ -257,6 +268,19 @@ def _checked_page(train: DriveTrain, arguments: cli.ReportOptions) -> DriveTrain
     if arguments.tolerances:
         read_tolerances(train)
     return load_scene(arguments.tuned) if arguments.tuned else None
+
+
+def _phrases(arguments: cli.ReportOptions) -> dict[str, str]:
+    """The phrases that ``--words`` gives."""
+    if arguments.words is None:
+        return {}
+    if not named(arguments, "page"):
+        raise OutputError(
+            f"--words: they stand on the page only. Add {FORMATS['html'].spelled}."
+        )
+    from jaxhb.report.page.words import read_words
+
+    return read_words(arguments.words)
 
 
 def _tuned(
@@ -387,6 +411,7 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         ]
         for kind, rows in element_files(arguments.scene).items()
     }
+    block, folder = scene_title_block(arguments.scene)
     return Report(
         computed.cases,
         place=computed.place,
@@ -397,6 +422,8 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         tolerances=computed.tolerances,
         transient=computed.transient,
         facts=_facts(arguments),
+        title=block,
+        logo=logo_address(block, folder),
         description=scene_description(arguments.scene),
         scene=scene_text(arguments.scene)[0],
         elements={name: row for name, row in elements.items() if name in present},

@@ -5,7 +5,7 @@ what is wrong.
 import math
 from functools import partial
 
-from jaxhb.elements.units import has_unit, split
+from jaxhb.elements.units import chosen_units, has_unit, split
 from jaxhb.train.speeds import read_speeds, with_units
 
 RANGE_COUNT = 33  # speeds of a range that has no count
@@ -101,6 +101,18 @@ def setting(text: str) -> tuple[str, float | str]:
             " such as 3.6e4, or with a unit, such as 36 kN m/rad"
         )
     return key.strip(), word if math.isnan(value) else value
+
+
+def units(text: str) -> dict[str, str]:
+    """Units of quantities from ``QUANTITY=UNIT,...``."""
+    pairs = [word.partition("=") for word in text.split(",")]
+    if not all(equals and unit.strip() for _, equals, unit in pairs):
+        raise ValueError(
+            f'{text!r} is not QUANTITY=UNIT,..., as "torque=kN m,angle=mrad"'
+        )
+    by_quantity = {quantity.strip(): unit.strip() for quantity, _, unit in pairs}
+    chosen_units(by_quantity)
+    return by_quantity
 
 
 def bounded(text: str) -> tuple[str, tuple[float | str, float | str]]:

@@ -524,7 +524,7 @@ class _Speed:
             )
             row = self.deflections[:, i] if kind == "power" else arm * self.forces[:, i]
         if quantity == "power over limit":
-            factor = 1 / float(strength.power_limit(train, name))
+            factor = 1 / float(strength.LIMITS["heat"].of(train, name))
         elif quantity == "tooth torque over limit":
             radius, limit = strength.rated_gear(train, name)
             factor = float(np.divide(radius, limit))

@@ -175,6 +175,12 @@ class Evaluator:
         speeds; ``critical`` are the :class:`~jaxhb.design.between_speeds.Followed` at
         whose speed each design is looked at, too.
         """
+        self.scatter_box = scatter.box if scatter else None
+        # A number that the scene leaves out (gas_factor) is an array of every lane.
+        names = [*task.named(task.unbounded(train))]
+        if self.scatter_box:
+            names += self.scatter_box.named(self.scatter_box.unbounded(train))
+        train = train.replace({name: train.value(name) for name in names})
         self.critical = tuple(critical)
         self.train = train
         self.rpm = rpm
@@ -193,7 +199,6 @@ class Evaluator:
         )
         inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
         self.heavy = tuple((inertia > 0).tolist())
-        self.scatter_box = scatter.box if scatter else None
         self.shares = scatter.shares if scatter else np.zeros((len(rpm), 0))
         # Within a box all its numbers differ from the train's own.
         elsewhere = np.full(self.shares.shape[1], 0.3)
@@ -426,9 +431,7 @@ class Evaluator:
             # Near a fold the equations are solved and their derivative is not: the
             # speed is lost, and the rest evaluated without it.
             status = np.where(valid & ~whole, Status.STALLED, status)
-        gradient = np.where(
-            steep[:, None], by_z + np.asarray(pull_back(pull, by_numbers)), np.nan
-        )
+        gradient = np.where(steep[:, None], by_z + np.asarray(pull(by_numbers)), np.nan)
         return dataclasses.replace(
             point, status=status, value=value, gradient=gradient, of_design=of_design
         )
@@ -473,16 +476,9 @@ class Evaluator:
         """Numbers of all lanes ``(A, n, ...)`` of designs z, and the pullback to z."""
         # Of a box there are no added speeds.
         shares = np.resize(self.shares, (speeds.shape[1], self.shares.shape[1]))
-        numbers, pull = problems_of_designs(
-            self.train,
-            speeds,
-            shares,
-            z,
-            task=self.task,
-            box=self.scatter_box,
-            excited=self.excited,
-            held=self.form[1],
-        )
+        form = DesignForm(self.task, self.scatter_box, self.excited, self.form[1])
+        numbers = problems_of_designs(self.train, speeds, shares, z, form=form)
+        pull = partial(pull_designs, self.train, speeds, shares, z, form=form)
         return [np.asarray(leaf) for leaf in numbers], pull
 
     def reading(self, point: Point, design: int) -> Reading:
@@ -796,30 +792,65 @@ def train_of_lane(
     return design.replace(box.scaled(design, shares)) if box else design
 
 
-@partial(Program, static_argnames=("task", "box", "excited", "held"))
+@dataclass(frozen=True)
+class DesignForm:
+    """What of the numbers of designs is fixed when their program is compiled: the task,
+    the box of further lanes or None, the harmonics of the excitation, and which leaves
+    of train and problem are held.
+    """
+
+    task: Task
+    box: Box | None
+    excited: int
+    held: tuple[bool, ...]
+
+    def lanes(
+        self, train: DriveTrain, rpm: Array, shares: Array, z: Array
+    ) -> list[Array]:
+        """The numbers of train and problem, less those held, of every lane at ``rpm``
+        ``(A, n)`` and the ``shares`` ``(n, ...)`` of designs z ``(A, P)``: arrays
+        ``(A, n, ...)``.
+        """
+
+        def lane(z: Array, speed: Array, share: Array) -> list[Array]:
+            changed = train_of_lane(train, self.task, self.box, z, share)
+            leaves = jax.tree.leaves(
+                (changed, problem_at(changed, speed, self.excited))
+            )
+            return [
+                leaf
+                for leaf, is_held in zip(leaves, self.held, strict=True)
+                if not is_held
+            ]
+
+        by_speed = jax.vmap(lane, (None, 0, 0))
+        return jax.vmap(by_speed, (0, 0, None))(z, rpm, shares)
+
+
+@partial(Program, static_argnames="form")
 def problems_of_designs(
+    train: DriveTrain, rpm: Array, shares: Array, z: Array, *, form: DesignForm
+) -> list[Array]:
+    """The numbers of all lanes: :meth:`DesignForm.lanes`."""
+    return form.lanes(train, rpm, shares, z)
+
+
+@partial(Program, static_argnames="form")
+def pull_designs(
     train: DriveTrain,
     rpm: Array,
     shares: Array,
     z: Array,
+    cotangent: list[Array],
     *,
-    task: Task,
-    box: Box | None,
-    excited: int,
-    held: tuple[bool, ...],
-) -> tuple[list[Array], Pullback]:
-    """The numbers of train and problem, less those ``held``, of every lane at ``rpm``
-    ``(A, n)``, of a ``box`` at the ``shares`` ``(n, ...)``: arrays ``(A, n, ...)``, and
-    their pullback to z ``(A, P)``.
+    form: DesignForm,
+) -> Array:
+    """Pull derivatives by the numbers of all lanes back to z ``(A, P)``.
+
+    A program of its own, which computes the numbers again: one that hands out its
+    pullback cannot be kept on disk, and every process would trace it.
     """
-
-    def lane(z: Array, speed: Array, share: Array) -> list[Array]:
-        changed = train_of_lane(train, task, box, z, share)
-        leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
-        return [leaf for leaf, is_held in zip(leaves, held, strict=True) if not is_held]
-
-    lanes = jax.vmap(jax.vmap(lane, (None, 0, 0)), (0, 0, None))
-    return jax.vjp(lambda z: lanes(z, rpm, shares), z)
+    return jax.vjp(partial(form.lanes, train, rpm, shares), z)[1](cotangent)[0]
 
 
 def train_and_problem(
@@ -947,12 +978,6 @@ def estimate_lanes(
         return estimate(problem, active_meshes, motion, shape)
 
     return _each(lane, numbers, motion)
-
-
-@Program
-def pull_back(pull: Pullback, cotangent: Any) -> Array:
-    """Pull a cotangent back through a pullback that a program handed out."""
-    return pull(cotangent)[0]
 
 
 @partial(Program, static_argnames=("task", "n_speeds", "critical", "heavy"))

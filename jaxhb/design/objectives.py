@@ -128,7 +128,7 @@ def power_over_limit(
     """:func:`damper_power` of a shaft or damper over its ``power_limit``; arguments as
     of :func:`stress_over_limit`.
     """
-    return damper_power(response, name) / strength.power_limit(
+    return damper_power(response, name) / strength.LIMITS["heat"].of(
         strength.train_of(response, train), name
     )
 

@@ -3,8 +3,9 @@ over the full circle.
 
 The response of a linear train is linear in its excitation: turned by the angle alpha,
 what one engine adds to harmonic n of the cycle is multiplied by exp(-i n alpha / turn).
-One response and its derivative by the angle give the motions of all phases exactly.
-Trains with backlash are solved at phases all round the circle, and near the worst.
+The responses at two angles give the motions of all phases exactly. So they do at speeds
+at which the teeth of a train with backlash stay in contact all round the circle; at the
+others it is solved at phases all round the circle, and near the worst.
 """
 
 from __future__ import annotations
@@ -16,10 +17,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 
-import jax
 import numpy as np
 
-from jaxhb._jax import Array, Number, on_host, refuse_tracers
+from jaxhb._jax import Array, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.design.quantities import (
     QUANTITIES,
@@ -29,24 +29,34 @@ from jaxhb.design.quantities import (
     objective_faults,
 )
 from jaxhb.elements.sentences import SceneError, suggestion
+from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out
 from jaxhb.results.response import FIELDS, Response
+from jaxhb.solutions.planning import meshes_leaving_contact
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import refuse_lines
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.topology import Topology
+from jaxhb.train.varying import at_speed
 
-LINEAR_STEPS = 40  # of the golden section round the worst phase of the scan
+LINEAR_STEPS = 30  # of the golden section round the worst phase of the scan
 STEPS = 8  # of that with backlash, where each is a solve
 GOLDEN = (5**0.5 - 1) / 2
 PHASES = 24  # of the scan of a train that is solved at each
 # Phases of the scan of a linear train for each harmonic that the engine excites
 PER_HARMONIC = 16
-# Peaks of the scan of a linear train that are refined: the highest of it need not be
-# that of the circle
-PEAKS = 3
+# The same of speeds at which teeth stay in contact
+PER_HARMONIC_IN_CONTACT = 4
+# Peaks of the scan of a linear train that are refined, the highest and those that come
+# near it: the highest of the scan need not be that of the circle
+PEAKS = 4
+NEAR = 0.99  # share of the highest from which on another may be higher
+TIME_SAMPLES = 32  # for each harmonic, of the scan of a linear train
+# Motions of a linear train that are read together: their arrays stay in the cache of a
+# processor
+LANES = 32
 
 
 @brief
@@ -101,7 +111,8 @@ def worst_phase(
     """Search the phase at which each quantity is largest, over the full circle of the
     rotor of a ``[[phase]]``.
 
-    Of a linear train exactly, at every speed. With backlash, or links that vary with
+    Of a linear train exactly, at every speed, and so where the teeth of a train with
+    backlash stay in contact at every phase. At other speeds, and where links vary with
     their amplitude, a scan of the circle by :func:`jaxhb.solve_speeds`, and round the
     worst phase of each quantity, at the speed at which it is largest, a golden section:
     what is narrower than a step of the scan may be missed. :class:`SceneError` of
@@ -177,64 +188,77 @@ def worst_phase(
     ]
     if faults:
         raise SceneError(faults)
-    turn = topology.phase_turn[topology.phase_names.index(name)]
     circle = _circle(topology, name)
-    linear = not (topology.has_law.any() or topology.amplitude_links)
-    reader: _Linear | _Solved = (
-        _Linear.of(train, name, rpm, turn) if linear else _Solved(train, name, rpm)
-    )
-    count = PHASES
-    if linear:
-        fine = math.ceil(PER_HARMONIC * reader.highest * circle / (360.0 * turn))
-        count = max(PHASES, fine)
-    count = phases or count
-    angles = np.arange(count) * (circle / count)
-    every_speed = np.arange(len(rpm))
-    values = np.empty((len(rpm), len(quantities), count))
-    for k, angle in enumerate(angles):
-        if progress and not linear:
-            progress(f"phase {angle:g} of {circle:g} deg")
-        values[..., k] = reader(np.full(len(rpm), angle), quantities, every_speed)
-    own_angle = np.full(len(rpm), float(train.value(f"{name}.angle")))
-    nominal = reader(own_angle, quantities, every_speed)
-    is_known = np.isfinite(values)
-    best = np.where(is_known, values, np.inf).argmin(-1)
-    ranked = np.where(is_known, values, -np.inf)
-    peak = (ranked >= np.roll(ranked, 1, -1)) & (ranked >= np.roll(ranked, -1, -1))
-    tops = np.argsort(-np.where(peak, ranked, -np.inf), axis=-1, kind="stable")[
-        ..., : PEAKS if linear else 1
-    ]
-    worst_angle = angles[tops[..., 0]]
-    worst = values.max(-1, initial=-np.inf, where=is_known)
-    worst[~is_known.any(-1)] = np.nan
-    for q, quantity in enumerate(quantities):
-        places = np.flatnonzero(np.isfinite(worst[:, q]))
-        places = places if linear else places[np.argsort(-worst[places, q])][:1]
-        for k in range(tops.shape[-1] if len(places) else 0):
-            peak_angle, peak_value = _golden(
-                partial(reader, quantities=(quantity,), places=places),
-                angles[tops[places, q, k]],
-                width=circle / count,
-                steps=LINEAR_STEPS if linear else STEPS,
-            )
-            better = peak_value > worst[places, q]
-            worst_angle[places[better], q] = peak_angle[better] % circle
-            worst[places[better], q] = peak_value[better]
-    least = np.take_along_axis(values, best[..., None], -1)[..., 0]
+    linear = _linear_speeds(train, name, rpm)
+    places = np.flatnonzero(linear)
+    solved_places = np.flatnonzero(~linear)
+    parts: list[tuple[np.ndarray, _Found]] = []
+    left: list[str] = []
+    count = phases or PHASES
+    least = np.full(len(quantities), -np.inf)
+    if len(places):
+        reader = _Linear.of(train, name, rpm[places])
+        finest = PER_HARMONIC_IN_CONTACT if topology.has_law.any() else PER_HARMONIC
+        fine = math.ceil(finest * reader.highest * circle / (360.0 * reader.turn))
+        fine_count = phases or max(PHASES, fine)
+        if not phases and len(solved_places):
+            # Every so many of its phases are those of the speeds that are solved.
+            fine_count = -(-fine_count // PHASES) * PHASES
+        count = count if len(solved_places) else fine_count
+        found = reader.found(quantities, circle, fine_count, every=fine_count // count)
+        parts.append((places, found))
+        left += reader.left_out()
+        least = np.max(np.nan_to_num(found.worst, nan=-np.inf), axis=0)
+    if len(solved_places):
+        solver = _Solved(train, name, rpm[solved_places])
+        found = solver.found(quantities, circle, count, least, progress)
+        parts.append((solved_places, found))
+        left += solver.left_out()
+    order = np.argsort(np.concatenate([part for part, _ in parts]))
+
+    def joined(field_name: str) -> np.ndarray:
+        return np.concatenate([getattr(found, field_name) for _, found in parts])[order]
+
     return WorstPhase(
         name=name,
         circle=circle,
         of=quantities,
         rpm=rpm,
-        nominal=nominal,
-        angle=worst_angle,
-        worst=worst,
-        best_angle=angles[best],
-        best=least,
-        angles=angles,
-        values=values,
-        left_out=tuple(reader.left_out()),
+        nominal=joined("nominal"),
+        angle=joined("angle"),
+        worst=joined("worst"),
+        best_angle=joined("best_angle"),
+        best=joined("best"),
+        angles=np.arange(count) * (circle / count),
+        values=joined("values"),
+        left_out=tuple(left),
     )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Phases of some speeds: fields as of :class:`WorstPhase`."""
+
+    nominal: np.ndarray
+    angle: np.ndarray
+    worst: np.ndarray
+    best_angle: np.ndarray
+    best: np.ndarray
+    values: np.ndarray
+
+
+def _linear_speeds(train: DriveTrain, name: str, rpm: np.ndarray) -> np.ndarray:
+    """Whether a train has the linear motion at every phase ``(S,)``: it is linear, or
+    its teeth stay in contact all round the circle.
+    """
+    topology = train.topology
+    if topology.amplitude_links:
+        return np.zeros(len(rpm), dtype=bool)
+    if not topology.has_law.any():
+        return np.ones(len(rpm), dtype=bool)
+    if not topology.linear_in_contact:
+        return np.zeros(len(rpm), dtype=bool)
+    return _Linear.of(train, name, rpm).in_contact(_circle(topology, name))
 
 
 def _circle(topology: Topology, name: str) -> float:
@@ -254,9 +278,13 @@ def _circle(topology: Topology, name: str) -> float:
 
 @dataclass(frozen=True)
 class _Linear:
-    """Values ``(k, Q)`` of a linear train at phases ``(k,)`` deg, one for each of the
-    speeds at ``places`` ``(k,)``, from one response and the part of it that the phase
-    turns; ``highest`` : harmonic that it turns.
+    """Motions of a linear train, or of one in contact, at phases ``(k,)`` deg, one for
+    each of the speeds at ``places`` ``(k,)``: one response and the part of it that the
+    phase turns.
+
+    start : deg of the response; turn : turns of the reference rotor in which the phase
+    turns once; highest : harmonic that it turns; read_parts : parts of the motion that
+    a quantity is read from, as far as they were asked for
     """
 
     train: DriveTrain
@@ -265,26 +293,26 @@ class _Linear:
     start: float
     turn: float
     highest: int
+    read_parts: dict[Objective, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, train: DriveTrain, name: str, rpm: np.ndarray, turn: float) -> _Linear:
-        """Solve a train whose phase ``name`` turns once in ``turn`` turns of the
-        reference rotor.
-        """
+    def of(cls, train: DriveTrain, name: str, rpm: np.ndarray) -> _Linear:
+        """Solve a train with its phase ``name`` as it is and at another angle."""
+        topology = train.topology
+        turn = topology.phase_turn[topology.phase_names.index(name)]
         key = f"{name}.angle"
         start = float(train.value(key))
-
-        def fields(angle: Number) -> dict[str, Array]:
-            response = forced_response(train.replace({key: angle}), rpm=rpm)
-            return {part: getattr(response, part) for part in FIELDS}
-
         response = forced_response(train, rpm=rpm)
-        slope = on_host(jax.jvp(fields, (start,), (1.0,))[1])
-        # The derivative of the part that the phase turns is a multiple of that part.
-        turned = {}
-        for part in FIELDS:
-            by_deg = _by_deg(slope[part], turn)
-            turned[part] = slope[part] / np.where(by_deg == 0, 1.0, by_deg)
+        harmonics = response.angles.shape[-1] - 1
+        # By this angle no harmonic is turned by whole turns.
+        step = 360.0 * turn / (harmonics + 1)
+        other = forced_response(train.replace({key: start + step}), rpm=rpm)
+        by_step = np.expm1(_by_deg(response.angles, turn) * step)
+        by_step[0] = 1.0  # the mean is not turned
+        turned = {
+            part: (getattr(other, part) - getattr(response, part)) / by_step
+            for part in FIELDS
+        }
         solved = np.asarray(response.solved)
         torques = np.abs(turned["torques"][solved]).max((0, 1), initial=0.0)
         angles = np.abs(turned["angles"][solved]).max((0, 1), initial=0.0)
@@ -292,18 +320,133 @@ class _Linear:
         highest = int(np.flatnonzero(sizes > 1e-9 * sizes.max()).max(initial=1))
         return cls(train, response, turned, start, turn, highest)
 
+    def part(self, name: str, angle: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """A part of the motions, one of FIELDS, at phases ``(k,)`` deg and the speeds
+        at ``places`` ``(k,)``.
+        """
+        turned = self.turned[name][places]
+        by_deg = _by_deg(turned, self.turn)
+        factor = np.expm1(by_deg * (angle - self.start)[:, None])[:, None]
+        return getattr(self.response, name)[places] + turned * factor
+
     def __call__(
         self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
     ) -> np.ndarray:
-        response = self.response[places]
-        changes = {}
-        for part, values in self.turned.items():
-            factor = np.expm1(
-                _by_deg(values, self.turn) * (angle - self.start)[:, None, None]
+        parts = {name for quantity in quantities for name in self._parts_of(quantity)}
+        motion = self.response[places]
+        changes = {name: self.part(name, angle, places) for name in parts}
+        return _read(dataclasses.replace(motion, **changes), quantities, self.train)
+
+    def _parts_of(self, quantity: Objective) -> tuple[str, ...]:
+        """The parts of a motion that a quantity is read from."""
+        if quantity not in self.read_parts:
+            first = self.response[:1]
+            unknown = {
+                name: dataclasses.replace(
+                    first, **{name: np.full_like(getattr(first, name), np.nan)}
+                )
+                for name in FIELDS
+            }
+            self.read_parts[quantity] = tuple(
+                name
+                for name, motion in unknown.items()
+                if not np.isfinite(_value(motion, quantity, self.train)).all()
             )
-            changes[part] = getattr(response, part) + values[places] * factor
-        motion = dataclasses.replace(response, **changes)
-        return _read(motion, quantities, self.train)
+        return self.read_parts[quantity]
+
+    def in_contact(self, circle: float) -> np.ndarray:
+        """Whether all teeth of a train with backlash stay in contact ``(S,)``, at
+        phases round the whole circle.
+        """
+        train = self.train
+        harmonics = self.response.angles.shape[-1] - 1
+        samples = fourier.SAMPLES_PER_HARMONIC * (harmonics + 1)
+        count = math.ceil(PER_HARMONIC * self.highest * circle / (360.0 * self.turn))
+        angles = np.arange(count) * (circle / count)
+        stays = np.asarray(self.response.solved).copy()
+        for i in np.flatnonzero(stays):
+            rpm = float(self.response.rpm[i])
+            fixed = at_speed(train, rpm) if train.topology.depends_on_speed else train
+            for chunk in np.array_split(angles, -(-count // LANES)):
+                elastic = self.part("elastic_forces", chunk, np.full(len(chunk), i))
+                forces = fourier.synthesize(elastic, samples)
+                _, leaves, _ = meshes_leaving_contact(fixed, forces)
+                stays[i] &= not leaves.any()
+                if not stays[i]:
+                    break
+        return stays
+
+    def found(
+        self,
+        quantities: Sequence[Objective],
+        circle: float,
+        count: int,
+        every: int,
+    ) -> _Found:
+        """The worst of ``count`` phases round the circle, and of all between them;
+        ``every`` so many of them are told.
+        """
+        angles = np.arange(count) * (circle / count)
+        speeds = np.arange(len(self.response.rpm))
+        harmonics = self.response.angles.shape[-1] - 1
+        coarse = dataclasses.replace(
+            self,
+            response=dataclasses.replace(
+                self.response, resolution=TIME_SAMPLES * (harmonics + 1)
+            ),
+        )
+        lane_angle = np.repeat(angles, len(speeds))
+        lane_place = np.tile(speeds, count)
+        chunks = np.array_split(
+            np.arange(len(lane_angle)), -(-len(lane_angle) // LANES)
+        )
+        scanned = np.concatenate(
+            [coarse(lane_angle[c], quantities, lane_place[c]) for c in chunks]
+        )
+        # (S, Q, P)
+        values = np.moveaxis(scanned.reshape(count, len(speeds), -1), 0, -1)
+        own_angle = np.full(len(speeds), self.start)
+        nominal = self(own_angle, quantities, speeds)
+        is_known = np.isfinite(values)
+        ranked = np.where(is_known, values, -np.inf)
+        peak = (ranked >= np.roll(ranked, 1, -1)) & (ranked >= np.roll(ranked, -1, -1))
+        peak_values = np.where(peak, ranked, -np.inf)
+        tops = np.argsort(-peak_values, axis=-1, kind="stable")[..., :PEAKS]
+        best = np.where(is_known, values, np.inf).argmin(-1)
+        worst_angle = angles[tops[..., 0]]
+        worst = np.full(nominal.shape, np.nan)
+        least = np.full(nominal.shape, np.nan)
+        for q, quantity in enumerate(quantities):
+            read = partial(self, quantities=(quantity,))
+            highest = ranked[:, q].max(-1)
+            known = np.isfinite(highest)
+            near = np.take_along_axis(ranked[:, q], tops[:, q], -1) >= (
+                NEAR * highest[:, None]
+            )
+            places, tried = np.nonzero(near & known[:, None])
+            if not len(places):
+                continue
+            peak_angle, peak_value = _golden(
+                partial(read, places=places),
+                angles[tops[places, q, tried]],
+                width=circle / count,
+                steps=LINEAR_STEPS,
+            )
+            for place in np.flatnonzero(known):
+                of_place = np.flatnonzero(places == place)
+                top = of_place[np.argmax(peak_value[of_place])]
+                worst[place, q] = peak_value[top]
+                worst_angle[place, q] = peak_angle[top] % circle
+            shown = np.flatnonzero(known)
+            least[shown, q] = read(angles[best[shown, q]], places=shown)[:, 0]
+        return _Found(
+            nominal=nominal,
+            angle=worst_angle,
+            worst=worst,
+            best_angle=angles[best],
+            best=least,
+            values=values[..., ::every],
+        )
 
     def left_out(self) -> list[str]:
         """Sentences for each status of speeds without an answer."""
@@ -319,6 +462,15 @@ def _by_deg(values: np.ndarray, turn: float) -> np.ndarray:
     return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
 
 
+def _value(motion: Response, quantity: Objective, train: DriveTrain) -> np.ndarray:
+    """A quantity ``(S,)`` of motions."""
+    return np.asarray(
+        QUANTITIES[quantity.quantity].exact_value(
+            motion, quantity.of, quantity.order, train
+        )
+    )
+
+
 def _read(
     motion: Response, quantities: Sequence[Objective], train: DriveTrain
 ) -> np.ndarray:
@@ -327,9 +479,7 @@ def _read(
     """
     columns = []
     for quantity in quantities:
-        values = QUANTITIES[quantity.quantity].exact_value(
-            motion, quantity.of, quantity.order, train
-        )
+        values = _value(motion, quantity, train)
         has_value = np.asarray(motion.converged) & judged(train, quantity, motion.rpm)
         columns.append(np.where(has_value, values, np.nan))
     return np.stack(columns, axis=-1)
@@ -340,15 +490,15 @@ class _Solved:
     """Values ``(k, Q)`` of a train that is solved anew for every phase ``(k,)`` deg, at
     the speeds at ``places`` ``(k,)``; the phases of all are mostly one.
 
-    ``worst_status`` : of the phases read, by the speeds that did not converge at all of
-    them
+    worst_status : of the phases read, by the speeds that did not converge at all of
+    them; solved : motions by speed and phase, as searches for several quantities meet
     """
 
     train: DriveTrain
     name: str
     rpm: np.ndarray
     worst_status: dict[float, int] = field(default_factory=dict)
-    highest = 0  # harmonic that the phase turns: not known before solves
+    solved: dict[tuple[int, float], Response] = field(default_factory=dict)
 
     def __call__(
         self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
@@ -357,13 +507,72 @@ class _Solved:
         for phase in np.unique(angle):
             rows = np.flatnonzero(angle == phase)
             design = self.train.replace({f"{self.name}.angle": float(phase)})
-            motion = solve_speeds(design, rpm=self.rpm[places[rows]])
-            values[rows] = _read(motion, quantities, design)
-            for lost in np.flatnonzero(~np.asarray(motion.converged)):
-                rpm = float(motion.rpm[lost])
-                status = int(motion.status[lost])
-                self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
+            self._solve(design, float(phase), places[rows])
+            for row in rows:
+                motion = self.solved[int(places[row]), float(phase)]
+                values[row] = _read(motion[None], quantities, design)[0]
         return values
+
+    def _solve(self, design: DriveTrain, phase: float, places: np.ndarray) -> None:
+        """Solve the train of a phase at the speeds at which it is not solved yet."""
+        fresh = [int(place) for place in places if (place, phase) not in self.solved]
+        if not fresh:
+            return
+        motion = solve_speeds(design, rpm=self.rpm[fresh])
+        for k, place in enumerate(fresh):
+            self.solved[place, phase] = motion[k]
+        for lost in np.flatnonzero(~np.asarray(motion.converged)):
+            rpm = float(motion.rpm[lost])
+            status = int(motion.status[lost])
+            self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
+
+    def found(
+        self,
+        quantities: Sequence[Objective],
+        circle: float,
+        count: int,
+        least: np.ndarray,
+        progress: Callable[[str], None] | None,
+    ) -> _Found:
+        """The worst of ``count`` phases round the circle and, at the speed at which a
+        quantity is largest and above ``least`` ``(Q,)``, of those round it.
+        """
+        angles = np.arange(count) * (circle / count)
+        speeds = np.arange(len(self.rpm))
+        values = np.empty((len(speeds), len(quantities), count))
+        for k, angle in enumerate(angles):
+            if progress:
+                progress(f"phase {angle:g} of {circle:g} deg")
+            values[..., k] = self(np.full(len(speeds), angle), quantities, speeds)
+        own_angle = float(self.train.value(f"{self.name}.angle"))
+        nominal = self(np.full(len(speeds), own_angle), quantities, speeds)
+        is_known = np.isfinite(values)
+        best = np.where(is_known, values, np.inf).argmin(-1)
+        top = np.where(is_known, values, -np.inf).argmax(-1)
+        worst_angle = angles[top]
+        worst = np.take_along_axis(values, top[..., None], -1)[..., 0]
+        for q, quantity in enumerate(quantities):
+            largest = np.nan_to_num(worst[:, q], nan=-np.inf)
+            place = largest.argmax(keepdims=True)
+            if not largest[place] > least[q]:
+                continue
+            peak_angle, peak_value = _golden(
+                partial(self, quantities=(quantity,), places=place),
+                angles[top[place, q]],
+                width=circle / count,
+                steps=STEPS,
+            )
+            if peak_value > worst[place, q]:
+                worst_angle[place, q] = peak_angle % circle
+                worst[place, q] = peak_value
+        return _Found(
+            nominal=nominal,
+            angle=worst_angle,
+            worst=worst,
+            best_angle=angles[best],
+            best=np.take_along_axis(values, best[..., None], -1)[..., 0],
+            values=values,
+        )
 
     def left_out(self) -> list[str]:
         """Sentences for each status of speeds without an answer at some phases."""

@@ -24,7 +24,7 @@ from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.bounds_over_box import bounds_over_box
-from jaxhb.design.evaluation import Evaluator, Point, pull_back, where
+from jaxhb.design.evaluation import Evaluator, Point, where
 from jaxhb.design.quantities import (
     QUANTITIES,
     Objective,
@@ -60,6 +60,9 @@ ASCENT = 1e-4  # share of the slope that a step has to win, Armijo's condition
 CURVED = 1e-8  # cosine of step and change of the slope at least
 NO_LIMIT = "the rule of the shaft has no limit there"
 TOGETHER = 8  # speeds whose searches are solved, and kept, together
+# Of those where no tooth leaves contact, at which a program costs more than its lanes
+TOGETHER_LINEAR = 32
+LEAST_LANES = 64  # of which numbers are computed at a time, of linear speeds
 QUANTITIES_ASKED = (
     "tooth force",
     "shaft torque",
@@ -471,8 +474,14 @@ class _Search:
         self.checkpoint = checkpoint
         self.executor = executor
         self.evaluator = Evaluator(train, rpm, box, question.request)
+        self.begin = self.evaluator.unsolved(box.unbounded(train)[None])
+        plans = np.array([plan.active for plan in self.begin.plans], dtype=bool)
+        # Without separation the equations are linear, and trains beside each other cost
+        # hardly more than one.
+        self.linear = ~plans[self.begin.plan_number[0]]
+        together = TOGETHER_LINEAR if self.linear.all() else TOGETHER
         # Lanes of three searches for each speed and quantity.
-        self.room = 3 * min(len(rpm), TOGETHER) * len(box.objectives)
+        self.room = 3 * min(len(rpm), together) * len(box.objectives)
         self.evaluations = self.parts = 0
         # Responses (Q,) at every speed of the trains tried there, nan of those lost, by
         # their shares.
@@ -526,8 +535,11 @@ class _Search:
         count = len(u)
         which = np.broadcast_to(which, count)
         self.evaluations += int(which.sum())
-        # Always as many lanes: their number is a shape, and a shape is a program.
-        filled = np.resize(np.arange(count), max(self.room, count))
+        # Their number is a shape, and a shape is a program: one for all, and of linear
+        # speeds, whose rooms are large, another for few.
+        few = self.linear.all() and count <= LEAST_LANES
+        room = min(LEAST_LANES, self.room) if few else self.room
+        filled = np.resize(np.arange(count), max(room, count))
         to_solve = np.where(np.arange(len(filled)) < count, which[filled], False)
         lanes, pull = self.evaluator.solved(
             u[filled],
@@ -541,7 +553,7 @@ class _Search:
         def slopes(quantity: np.ndarray) -> np.ndarray:
             chosen = np.arange(len(self.box.objectives)) == quantity[filled][:, None]
             derivatives = np.asarray(
-                pull_back(pull, lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :]))
+                pull(lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :]))
             )
             return np.where(np.isfinite(derivatives), derivatives, 0.0)[:count]
 
@@ -562,7 +574,7 @@ class _Search:
 
     def _started(self) -> tuple[np.ndarray, Point, np.ndarray]:
         """Nominal values ``(n, Q)``, the Point of n lanes, and slopes ``(n, Q, P)``."""
-        begin = self.evaluator.unsolved(self.box.unbounded(self.train)[None])
+        begin = self.begin
         # A lane for each speed.
         lanes = jax.tree.map(lambda leaf: np.moveaxis(leaf, 0, 1), begin)
         unfinished: Point | None = dataclasses.replace(
@@ -654,8 +666,6 @@ class _Search:
         at these and at the train as it is point, and the latter with the number that
         moves it most at its other end: a resonance has two sides.
         """
-        # Without separation the equations are linear, and trains beside each other cost
-        # hardly more than one.
         linear = np.array([not plan.active for plan in self.point.plans])[
             self.point.plan_number[:, 0]
         ]

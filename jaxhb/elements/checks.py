@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -20,10 +20,18 @@ from jaxhb.elements.declared import HARMONICS, fields_of, fields_of_class, table
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.rules.chosen import Chosen
+from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
 from jaxhb.elements.units import si_value
-from jaxhb.elements.value_checks import TOGETHER
-from jaxhb.elements.values import field_errors, is_list, joined, row_errors
+from jaxhb.elements.value_checks import TOGETHER, rule_errors
+from jaxhb.elements.values import (
+    field_errors,
+    is_list,
+    joined,
+    plain_number,
+    row_errors,
+)
 
 
 def read_scenarios(
@@ -310,7 +318,9 @@ class Parts:
             return self._engine_of[i]
         name = getattr(self.tables[table][i], "name", None)
         title = f" {shown(name)}" if isinstance(name, str) else ""
-        return f"{self.source}, [[{table}]] no. {i + 1}{title}"
+        part = getattr(self.tables[table][i], "part", None)
+        origin = f" (part {part})" if isinstance(part, str) else ""
+        return f"{self.source}, [[{table}]] no. {i + 1}{title}{origin}"
 
     def usable(self, table: str, i: int, *fields: str) -> bool:
         """Tell whether fields of an element can be computed with."""
@@ -517,6 +527,53 @@ def size_errors(parts: Parts) -> list[str]:
         for text in kind.size_errors(parts.tables[table])
     ]
     return errors
+
+
+def shaft_rule_errors(parts: Parts, chosen: Chosen) -> list[str]:
+    """Check that the rules of shafts exist and have the numbers that they need, and
+    mark shafts with a fault in ``parts.bad``.
+    """
+    errors = []
+    for index, shaft in enumerate(parts.tables["shaft"]):
+        name = chosen.default if shaft.rule is None else shaft.rule
+        if not isinstance(name, str):
+            continue  # has its sentence
+        rule = chosen.rules.get(name)
+        if rule is None:
+            texts = [f"there is no rule {shown(name)}.{suggestion(name, chosen.rules)}"]
+        else:
+            texts = rule_errors(shaft, rule)
+        if texts:
+            parts.bad.add(("shaft", index, "rule"))
+            where = parts.where("shaft", index)
+            errors += [f"{where}: {text}" for text in texts]
+    return errors
+
+
+def operating_errors(source: str, operating: Any, names: Sequence[str]) -> list[str]:
+    """Check the operating speeds, which separation margins need."""
+    asking = [name for name in names if name in MARGINS]
+    where = f"{source}, [scene]"
+    if not operating:
+        return [
+            f"{where}: the rule {shown(name)} needs operating_rpm = [lowest, highest]."
+            " Give the operating speeds of the reference rotor in rpm."
+            for name in asking
+        ]
+    sound = (
+        is_list(operating)
+        and len(operating) == 2
+        and all(map(plain_number, operating))
+        and 0 < operating[0] < operating[1]
+    )
+    return (
+        []
+        if sound
+        else [
+            f"{where}: operating_rpm is {shown(operating)}, must be [lowest, highest],"
+            " two rising speeds above 0 rpm. Correct it."
+        ]
+    )
 
 
 def rated_errors(parts: Parts, rated_rpm: float | None) -> list[str]:

@@ -10,6 +10,7 @@ from jaxhb.elements.declared import (
     DAMPING_OVER_RPM,
     HARMONICS,
     OVER_RPM,
+    OVER_TEMPERATURE,
     STIFFNESS_OVER_RPM,
     TWISTS,
 )
@@ -80,6 +81,8 @@ def collected(
             STIFFNESS_OVER_RPM,
         ):
             columns[field.name] = padded(values, (0.0, 0.0))
+        elif headers[field.name] == OVER_TEMPERATURE:
+            columns[field.name] = padded(values, (0.0, 1.0, 1.0))
         elif field.name.startswith("over_"):
             rows = padded(values, (0.0, 1.0, 1.0), 2)
             columns[field.name] = rows if any(values) else rows[:, :0]

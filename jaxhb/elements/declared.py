@@ -99,7 +99,7 @@ def choice(default: str, *words: str) -> Any:
 
 
 def rows(columns: tuple[str, ...], default: Any = (), *, unit: str = "") -> Any:
-    """Declare a table of numbers with these columns, Re and Im in a ``unit``."""
+    """Declare a table of numbers with these columns, their size in a ``unit``."""
     return declared("rows", default, columns=columns, unit=unit)
 
 
@@ -110,9 +110,13 @@ SMALLEST = 1e-60  # of a number that is not 0: so do quotients
 SCALE = ("rpm", "factor")
 OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
 OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
+OVER_TEMPERATURE = ("temperature", "factor of stiffness", "factor of damping")
 HARMONICS = ("order", "Re", "Im")
 LINES = ("Hz", "Re", "Im")
+BLADE_ORDERS = ("multiple", "share", "phase")
 PRESSURE = ("angle", "pressure")
+COSINES = ("order", "imep", "cosine", "sine")
+AMPLITUDES = ("order", "imep", "amplitude", "phase")
 OVER_RPM = ("rpm", "torque")
 TWISTS = ("twist", "stiffness")
 SN_CURVE = ("cycles", "stress")

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
+    BLADE_ORDERS,
     DAMPING_OVER_RPM,
     HARMONICS,
     OVER_AMPLITUDE,
     OVER_HZ,
     OVER_RPM,
+    OVER_TEMPERATURE,
     SN_CURVE,
     STIFFNESS_OVER_RPM,
     TWISTS,
@@ -30,7 +32,6 @@ from jaxhb.elements.declared import (
 )
 from jaxhb.elements.events import Event
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
 
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 _FORM_FACTOR = (
@@ -47,7 +48,12 @@ class Disk:
     of ``damping``, linear between the rows and constant outside, as of a propeller.
     Other elements have such rows of their damping and stiffness as well
     (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
-    in the place of ``inertia``, which is a quarter of it.
+    in the place of ``inertia``, which is a quarter of it. ``part`` names the catalogue
+    part, and its file, from which the reader of a scene took keys
+    (:mod:`jaxhb.scene.parts`). Limits, which :func:`jaxhb.strength` alone reads:
+    ``angle_limit`` of half of the peak-to-peak vibratory angle,
+    ``speed_irregularity_limit`` of (largest - smallest) / mean speed, and
+    ``acceleration_limit`` of half of the peak-to-peak angular acceleration.
     """
 
     name: str = declared("name")
@@ -63,6 +69,12 @@ class Disk:
     teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
     damping_over_rpm: tuple = rows(DAMPING_OVER_RPM)
+    angle_limit: float | None = positive("deg", None)
+    speed_irregularity_limit: float | None = quantity(
+        "", None, above=0.0, most=2.0, remedy="Give a share: 1/250 is 0.004."
+    )
+    acceleration_limit: float | None = positive("rad/s2", None)
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +107,21 @@ class Spring(Link):
     play, of the first disk against the second. Every change of stiffness is spread over
     4 % of twice its twist, or of the clearance. ``friction``, a torque, acts against
     the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
+
+    Catalogues of rubber couplings give the ``relative_damping`` psi, the work lost in a
+    cycle over the elastic energy at its amplitude: a loss factor psi / (2 pi), or with
+    ``damping_hz`` the viscous damping that loses as much there.
+    ``over_temperature`` = rows of (deg C, factor of stiffness and of its stages, factor
+    of damping and loss factor) are taken at ``temperature``, by default that of the
+    scene, when the train is built. A damping that is a share of the stiffness has both
+    factors. With ``surface``, ``heat_transfer`` and ``ambient``, its temperature in
+    :func:`jaxhb.heat_balance` is that at which it gives off its heat, and ``ambient``
+    stands for a temperature that is not given. ``stiffness_over_hz`` and
+    ``damping_over_hz`` = rows of (Hz, value) give what ``over_hz`` gives as factors;
+    the number is then the largest of its rows. ``stiffness_over_torque`` = rows of
+    (mean torque in N m, dynamic stiffness in N m/rad) of progressive couplings stand
+    for the stiffness and the stages that have the stiffness of each row at its torque.
+    ``part`` as of a :class:`Disk`.
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -102,10 +129,38 @@ class Spring(Link):
     stops: tuple = rows(TWISTS)
     friction: float | None = positive("N m", None)
     slip_speed: float | None = positive("rad/s", None)
+    relative_damping: float | None = positive("", None)
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    over_temperature: tuple = rows(OVER_TEMPERATURE)
+    surface: float | None = positive("m2", None)
+    heat_transfer: float | None = positive("W/(m2 K)", None)
+    ambient: float | None = quantity("deg C", None, least=-100.0, most=500.0)
+    stiffness_over_torque: tuple = rows(("mean torque", "stiffness"))
+    stiffness_over_hz: tuple = rows(("hz", "stiffness"))
+    damping_over_hz: tuple = rows(("hz", "damping"))
+    part: str | None = declared("text", None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shaft(Spring):
+class Rated(Spring):
+    """Limits that catalogues give couplings and dampers; :func:`jaxhb.strength` alone
+    reads them.
+
+    ``nominal_torque`` T_KN bounds the mean torque, ``vibratory_torque`` T_KW half of
+    its peak-to-peak in continuous running, ``maximum_torque`` T_Kmax the largest torque
+    at any instant, also of transients, ``power_limit`` the heat that it can give off,
+    and ``speed_limit`` the speed of its own rotor in rpm.
+    """
+
+    nominal_torque: float | None = positive("N m", None)
+    vibratory_torque: float | None = positive("N m", None)
+    maximum_torque: float | None = positive("N m", None)
+    power_limit: float | None = positive("W", None)
+    speed_limit: float | None = positive("rpm", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Rated):
     """``[[shaft]]``: an elastic link between two disks of one rotor.
 
     ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter
@@ -117,10 +172,13 @@ class Shaft(Spring):
     section that is judged (``outer`` and ``inner`` unless given), the factor C_K of its
     form in IACS UR M68 (``stress_concentration``, 1 for an integral flange, less for
     what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose
-    limits hold (C_K is of M68 alone, ``yield_strength`` of the others), and
-    ``power_limit``, the heat that it can give off. Of transients alone, ``sn_curve`` =
-    rows of (cycles, amplitude of the nominal torsional stress in Pa that it bears so
-    often), from the standard or test that ``sn_source`` names.
+    limits hold (C_K is of M68 alone, ``yield_strength`` of the others). Of a
+    crankshaft, the stress concentration factors for torsion ``fillet_factor`` and
+    ``oil_bore_factor`` of IACS UR M53 (alpha_T or beta_T, and gamma_T) times the
+    nominal alternating stress must not exceed ``alternating_limit``, which the user
+    answers for. Of transients alone, ``sn_curve`` = rows of (cycles, amplitude of the
+    nominal torsional stress in Pa that it bears so often), from the standard or test
+    that ``sn_source`` names.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -147,8 +205,12 @@ class Shaft(Spring):
     yield_strength: float | None = quantity(
         "Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8."
     )
-    rule: str = choice(*RULES)
-    power_limit: float | None = positive("W", None)
+    rule: str | None = declared("text", None)
+    fillet_factor: float | None = positive("", None)
+    oil_bore_factor: float | None = positive("", None)
+    alternating_limit: float | None = quantity(
+        "Pa", None, least=1e5, remedy="Give it in Pa: 60 MPa is 6e7."
+    )
     sn_curve: tuple = rows(SN_CURVE)
     sn_source: str | None = declared("text", None)
 
@@ -210,13 +272,13 @@ revolutions of its first and of its second gear.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damper(Spring):
+class Damper(Rated):
     """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a
     disk of this name.
 
     With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed
-    of its rotor)^2 adds to its stiffness. ``over_hz``, ``over_amplitude`` and
-    ``power_limit`` as of a :class:`Shaft`.
+    of its rotor)^2 adds to its stiffness. ``over_hz`` and ``over_amplitude`` as of a
+    :class:`Shaft`.
     """
 
     name: str = declared("name")
@@ -230,7 +292,6 @@ class Damper(Spring):
     )
     over_hz: tuple = rows(OVER_HZ)
     over_amplitude: tuple = rows(OVER_AMPLITUDE)
-    power_limit: float | None = positive("W", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +320,9 @@ class Load:
     ``share`` is that of its torque, on its own shaft, relative to the shares of other
     loads. ``harmonics`` make the torque pulsate, as the blades of a propeller and the
     pistons of a pump do: rows of (order of its own rotor, Re, Im), so that it is its
-    mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+    mean x (1 + sum Re((Re + i Im) exp(i order theta))). Instead of these, ``blades``
+    and ``blade_orders`` = rows of (multiple, share, phase deg) make it its mean x (1 +
+    sum share cos(multiple x blades x theta + phase)).
 
     Transients with a free speed read the law of its torque over the speed n of the
     reference rotor: with ``law`` and ``rated_torque`` T at ``rated_rpm`` N it takes T
@@ -272,6 +335,8 @@ class Load:
     disk: str = declared("disk")
     share: float = positive("", 1.0, "Leave out the load that takes no share.")
     harmonics: tuple = rows(HARMONICS)
+    blades: int | None = quantity("", None, kind="count", least=1.0, most=1000.0)
+    blade_orders: tuple = rows(BLADE_ORDERS)
     law: str = choice("", *LOAD_LAWS)
     rated_torque: float | None = positive("N m", None)
     rated_rpm: float | None = positive("rpm", None)
@@ -295,10 +360,20 @@ class Phase:
     angle: float = quantity("deg", 0.0)
 
 
+TACHOMETER = 0.01
+"""Tolerance of the tachometer as a share of the rated speed, unless it is given."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: settings of the whole train; ``notes`` are texts that every check
-    and report repeats.
+    and report repeats; ``temperature`` is that of elements with ``over_temperature``
+    that have none of their own.
+
+    ``rules`` chooses rules by name and files with rules of the user; the first one of
+    shafts judges those that name none. ``tachometer_tolerance``, a share of the rated
+    speed, widens barred ranges, and ``operating_rpm`` = [lowest, highest] are the
+    speeds over which separation margins are judged.
     """
 
     name: str | None = declared("name", None)
@@ -307,6 +382,10 @@ class Head:
     revolutions_per_cycle: float = positive("", 2.0)
     reference: str | None = declared("disk", None)
     rated_rpm: float | None = positive("rpm", None)
+    rules: tuple = declared("list", ())
+    tachometer_tolerance: float = quantity("", TACHOMETER, least=0.0, most=0.1)
+    operating_rpm: tuple = declared("list", ())
+    temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
 
 
 TABLES: dict[str, Any] = {

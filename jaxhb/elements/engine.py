@@ -60,6 +60,8 @@ _OF_ENGINE = (
     "firing",
     "firing_intervals",
 )
+# Tables of a cylinder whose strokes of a cycle are those of the engine
+_WITH_STROKES = ("combustion", "tangential_pressure")
 _DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Engine)}
 
 
@@ -84,12 +86,13 @@ def cylinder_rows(engine: dict[str, Any]) -> list[dict[str, Any]]:
         }
         own_offset = offset[i] if isinstance(offset, tuple | list) else offset
         row["firing_angle"] = angles[label] + own_offset
-        combustion = row.get("combustion")
         stroke_cycle = settings["stroke_cycle"]
-        if isinstance(combustion, dict) and combustion:
-            row["combustion"] = combustion | {"stroke_cycle": stroke_cycle}
-        elif combustion:
-            row["combustion"] = replace(combustion, stroke_cycle=stroke_cycle)
+        for name in _WITH_STROKES:
+            table = row.get(name)
+            if isinstance(table, dict) and table:
+                row[name] = table | {"stroke_cycle": stroke_cycle}
+            elif table:
+                row[name] = replace(table, stroke_cycle=stroke_cycle)
         rows.append(row)
     return rows
 
@@ -201,13 +204,14 @@ def _together_errors(engine: Engine, disk_names: Sequence[str]) -> list[str]:
     firing_errors += _interval_errors(engine, len(labels))
     # A faulty firing order has no angles.
     texts += firing_errors or _bank_errors(engine)
-    # An absent key reads 4 as well: only another number contradicts the engine.
-    strokes = getattr(engine.combustion, "stroke_cycle", 4)
-    if number_like(strokes) and strokes not in (4, engine.stroke_cycle):
-        texts.append(
-            f"combustion: stroke_cycle is {strokes:g}, that of the engine"
-            f" {engine.stroke_cycle:g}. Leave it out."
-        )
+    for name in _WITH_STROKES:
+        # An absent key reads 4 as well: only another number contradicts the engine.
+        strokes = getattr(getattr(engine, name), "stroke_cycle", 4)
+        if number_like(strokes) and strokes not in (4, engine.stroke_cycle):
+            texts.append(
+                f"{name}: stroke_cycle is {strokes:g}, that of the engine"
+                f" {engine.stroke_cycle:g}. Leave it out."
+            )
     return texts
 
 

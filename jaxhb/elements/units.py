@@ -13,12 +13,12 @@ import difflib
 import importlib.util
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from jaxhb.elements.declared import fields_of_class, unit_of
-from jaxhb.elements.sentences import shown
+from jaxhb.elements.sentences import shown, suggestion
 
 if TYPE_CHECKING:
     import pint
@@ -321,6 +321,45 @@ def _fits(written: str, unit: str) -> bool:
         return False
 
 
+Shown = tuple[float, str]
+"""Factor from an SI unit, and the unit that it leads to."""
+
+OF_ANSWERS = {
+    "torque": "N m",
+    "force": "N",
+    "angle": "rad",
+    "speed": "rad/s",
+    "acceleration": "rad/s2",
+    "stress": "Pa",
+    "power": "W",
+    "inertia": "kg m2",
+}
+"""SI units of quantities of answers whose unit can be chosen."""
+
+
+def chosen_units(units: Mapping[str, Any]) -> dict[str, Shown]:
+    """Read units of quantities of answers, by their SI units; :class:`UnitError` with a
+    sentence on the first that cannot be taken.
+
+    >>> chosen_units({"torque": "kN m"})
+    {'N m': (0.001, 'kN m')}
+    """
+    chosen = {}
+    for quantity, unit in units.items():
+        si_unit = OF_ANSWERS.get(quantity)
+        if si_unit is None:
+            near = suggestion(quantity, OF_ANSWERS)
+            raise UnitError(f"there is no quantity {shown(quantity)}.{near}")
+        if not isinstance(unit, str):
+            raise UnitError(f"{quantity} is {shown(unit)}, must be a unit in quotes.")
+        try:
+            size = factor(unit.strip(), si_unit)
+        except UnitError as error:
+            raise UnitError(f"{quantity} is {shown(unit)}, {error}") from None
+        chosen[si_unit] = (1.0 / size, " ".join(unit.split()))
+    return chosen
+
+
 UNITS_OF_COLUMNS = {
     "rpm": "rpm",
     "hz": "Hz",
@@ -330,14 +369,16 @@ UNITS_OF_COLUMNS = {
     "twist": "deg",
     "amplitude": "rad",
     "pressure": "Pa",
+    "imep": "Pa",
     "stress": "Pa",
     "torque": "N m",
     "seconds": "s",
     "decay": "s",
 }
 """Units of columns of rows, by their heads; "stiffness" and "damping" have the unit of
-the key of this name, Re and Im that of their rows, and others none.
+the key of this name, columns in the unit of their rows this, and others none.
 """
+IN_UNIT_OF_ROWS = ("Re", "Im", "cosine", "sine", "amplitude")
 
 
 def units_of_columns(cls: type, field: dataclasses.Field) -> tuple[str, ...]:
@@ -345,7 +386,8 @@ def units_of_columns(cls: type, field: dataclasses.Field) -> tuple[str, ...]:
     elements.
     """
     own = {key: unit_of(other) for key, other in fields_of_class(cls).items()}
-    special = dict.fromkeys(("Re", "Im"), field.metadata.get("unit", ""))
+    unit = field.metadata.get("unit")
+    special = dict.fromkeys(IN_UNIT_OF_ROWS, unit) if unit else {}
     special |= {key: own[key] for key in ("stiffness", "damping") if key in own}
     return tuple(
         special.get(column, UNITS_OF_COLUMNS.get(column, ""))

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of
+from jaxhb.elements.declared import OVER_RPM, SN_CURVE, fields_of, unit_of
+from jaxhb.elements.derived import COOLING, OVER_HZ, SHARES
 from jaxhb.elements.elements import (
     LOAD_LAWS,
     OF_PERIOD,
@@ -23,7 +24,9 @@ from jaxhb.elements.elements import (
 )
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
+from jaxhb.elements.excitations.blades import blade_errors
+from jaxhb.elements.rules import Rule
+from jaxhb.elements.rules.chosen import STRENGTH_KEYS, lacking
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
     is_present,
@@ -32,15 +35,6 @@ from jaxhb.elements.values import (
     plain_number,
     row_errors,
 )
-
-_STRENGTH_KEYS = {
-    "diameter": "diameter (or outer) in m",
-    "stress_concentration": (
-        "stress_concentration (C_K of the form, 1 for an integral flange, less"
-        " otherwise)"
-    ),
-    "tensile_strength": "tensile_strength in Pa",
-}
 
 
 def over_rpm_errors(name: str, rows: Any, *, least_is_excluded: bool) -> list[str]:
@@ -120,9 +114,89 @@ def shaft_errors(shaft: Shaft) -> list[str]:
         + _damping_errors(shaft)
         + _over_rpm_errors(shaft)
         + _section_errors(shaft)
+        + _concentration_errors(shaft)
+        + _rated_errors(shaft)
         + _curve_errors(shaft)
         + _spring_errors(shaft)
+        + _temperature_errors(shaft)
+        + _over_hz_errors(shaft)
     )
+
+
+def _temperature_errors(link: Shaft | Damper) -> list[str]:
+    """Check that a link with numbers over the temperature has one, and the other way
+    round.
+    """
+    cooling = [key for key in COOLING if getattr(link, key) is not None]
+    lacking = [key for key in COOLING if getattr(link, key) is None]
+    if cooling and not is_present(link.over_temperature):
+        lacking.append("over_temperature")
+    if cooling and lacking:
+        return [
+            f"{joined(cooling)} {'ask' if len(cooling) > 1 else 'asks'} for a balance"
+            f" of heat, without {joined(lacking)}. Give all of these, or none."
+        ]
+    if not is_present(link.over_temperature):
+        if link.temperature is None:
+            return []
+        return [
+            "temperature is given without over_temperature, and changes nothing. Give"
+            " the rows, or leave it out."
+        ]
+    texts = []
+    if link.temperature is None and not cooling:
+        texts.append(
+            "over_temperature is given without temperature. Give it in deg C, here or"
+            " in [scene]."
+        )
+    for name in ("stiffness_over_rpm", "damping_over_rpm"):
+        texts += _twice_errors(link, name, "over_temperature")
+    return texts
+
+
+def _over_torque_errors(link: Shaft | Damper) -> list[str]:
+    """Check the stiffness of a link over the mean torque, and that it has no other."""
+    name = "stiffness_over_torque"
+    rows = link.stiffness_over_torque
+    others = ("stiffness", "length", "stiffness_over_rpm", "stiffness_over_hz")
+    springs = ("stages", "clearance", "over_hz", "over_amplitude", "order", "surface")
+    texts = _twice_errors(link, name, *others)
+    texts += _twice_errors(link, name, *(key for key in springs if hasattr(link, key)))
+    if not is_present(rows) or row_errors(name, ("mean torque", "stiffness"), rows):
+        return texts
+    return texts + [
+        f"{name}, row {i}: it has {torque:g} N m and {stiffness:g} N m/rad, must have"
+        " at least 0 N m and more than 0 N m/rad. Correct the row."
+        for i, (torque, stiffness) in enumerate(rows, 1)
+        if torque < 0.0 or stiffness <= 0.0
+    ]
+
+
+def _over_hz_errors(link: Shaft | Damper) -> list[str]:
+    """Check that a link with numbers over the frequency has each of them once, and one
+    that is greater than 0.
+    """
+    others = {
+        "stiffness_over_hz": ("over_hz", "stiffness", "length", "stiffness_over_rpm"),
+        "damping_over_hz": (
+            "over_hz",
+            "damping",
+            "loss_factor",
+            *("relative_damping", "damping_over_rpm"),
+        ),
+    }
+    texts = _over_torque_errors(link)
+    for name, keys in others.items():
+        rows = getattr(link, name)
+        texts += _twice_errors(link, name, *keys, "magnifier", "damping_ratio")
+        if link.damping_hz is not None and link.relative_damping is not None:
+            texts += _twice_errors(link, name, "damping_hz")
+        columns = ("hz", name.removesuffix("_over_hz"))
+        if not is_present(rows) or row_errors(name, columns, rows):
+            continue
+        if max(value for _, value in rows) <= 0.0:
+            texts.append(f"{name} is 0 in all rows. Give one that is greater than 0.")
+    return texts
 
 
 def _spring_errors(link: Shaft | Damper) -> list[str]:
@@ -179,7 +253,7 @@ def _spring_errors(link: Shaft | Damper) -> list[str]:
     ]
     varying_keys = [
         key
-        for key in ("over_hz", "over_amplitude", "order")
+        for key in ("over_hz", *OVER_HZ, "over_amplitude", "order", "surface")
         if is_present(getattr(link, key, None))
     ]
     if springs and varying_keys:
@@ -301,12 +375,20 @@ def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
 
 def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
-    over_rpm = _over_rpm_errors(damper)
-    over_rpm += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
-    tables = (damper.stiffness_over_rpm, damper.damping_over_rpm)
+    others = _over_rpm_errors(damper)
+    others += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    others += _rated_errors(damper)
+    others += _temperature_errors(damper) + _over_hz_errors(damper)
+    tables = (
+        damper.stiffness_over_rpm,
+        damper.damping_over_rpm,
+        damper.stiffness_over_hz,
+        damper.damping_over_hz,
+        damper.stiffness_over_torque,
+    )
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
-        return _damping_errors(damper) + over_rpm + _spring_errors(damper)
-    damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
+        return _damping_errors(damper) + others + _spring_errors(damper)
+    damping_keys = _present_keys(damper, *SHARES)
     if damping_keys:
         needs = (
             "needs a stiffness greater than 0 N m/rad, of which the damping is a share"
@@ -329,11 +411,9 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
     texts = []
     for key in keys:
         value = getattr(link, key, None)
-        if value is not None and not (number_like(value) and value == 0):
+        if is_present(value) and not (number_like(value) and value == 0):
             unit = next(
-                field.metadata["range"].unit
-                for field in fields_of(link)
-                if field.name == key
+                unit_of(field) for field in fields_of(link) if field.name == key
             )
             texts.append(
                 f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key
@@ -344,6 +424,8 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
 def _stiffness_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has a stiffness, or dimensions that give one."""
     sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
+    if is_present(shaft.stiffness_over_hz) or is_present(shaft.stiffness_over_torque):
+        return []  # its own check tells what stands beside it
     if is_present(shaft.stiffness_over_rpm):
         others = ("stiffness", "length", "outer", "inner", "shear_modulus")
         return _twice_errors(shaft, "stiffness_over_rpm", *others)
@@ -385,12 +467,15 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
     """Check that a link has one damping, a share of the critical one with its
     frequency.
     """
-    damping_keys = _present_keys(link, "damping", "magnifier", "damping_ratio")
-    shares = _present_keys(link, "magnifier", "damping_ratio")
+    damping_keys = _present_keys(link, "damping", *SHARES)
+    shares = _present_keys(link, *SHARES)
     frequency = _present_keys(link, "damping_hz")
+    # Without a frequency it is a loss factor.
+    is_loss_factor = len(shares) == 1 and _present_keys(link, "relative_damping")
     tables = ["damping_over_rpm"]
     if shares:
         damping_keys += _present_keys(link, "loss_factor")
+    if shares and not (is_loss_factor and not frequency):
         # They are shares of a constant stiffness.
         tables.append("stiffness_over_rpm")
     damping_keys += [name for name in tables if is_present(getattr(link, name))]
@@ -399,21 +484,22 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
             f"{damping_keys[0]} is given together with {joined(damping_keys[1:])}."
             " Keep one of them."
         ]
-    if shares and not frequency:
+    if shares and not frequency and not is_loss_factor:
         return [
             f"{shares[0]} is given without damping_hz. Give the frequency in Hz at"
             " which it holds."
         ]
     if frequency and not shares:
+        ways = " or ".join(key for key in SHARES if hasattr(link, key))
         return [
-            f"{frequency[0]} is given without magnifier or damping_ratio. Give one of"
-            " them, or leave it out."
+            f"{frequency[0]} is given without {ways}. Give one of them, or leave it"
+            " out."
         ]
     return []
 
 
 def _section_errors(shaft: Shaft) -> list[str]:
-    """Check the section of a shaft, and the numbers that its stress limits need."""
+    """Check the section of a shaft."""
     texts = []
     bore = _present_keys(shaft, "bore")
     if bore and shaft.diameter is None:
@@ -422,33 +508,77 @@ def _section_errors(shaft: Shaft) -> list[str]:
         )
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
+    return texts
+
+
+def rule_errors(shaft: Shaft, rule: Rule) -> list[str]:
+    """Check that a shaft has the numbers that its limits need, and none without a part
+    in them.
+    """
+    texts = []
     asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
-    rule = RULES.get(shaft.rule) if isinstance(shaft.rule, str) else None
-    needs = _STRENGTH_KEYS if rule is None else rule.needs
-    lacking = [
-        key
-        for key in needs
-        if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
-    ]
-    if rule is not None and not rule.default:
+    if shaft.rule is not None and not rule.default:
         asking = ["rule"]
-    if asking and lacking:
-        title = shaft.rule if rule is None else rule.title or rule.name
+    present = [
+        key for key in (*STRENGTH_KEYS, "outer") if getattr(shaft, key) is not None
+    ]
+    missing = lacking(rule, present)
+    if asking and missing:
         limits = (
             f"{joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
-            f" limits of {title}"
+            f" limits of {rule.title or rule.name}"
         )
         texts.append(
-            f"{limits}, without {joined(lacking)}. Give"
-            f" {joined(_STRENGTH_KEYS[key] for key in lacking)}."
+            f"{limits}, without {joined(missing)}. Give"
+            f" {joined(STRENGTH_KEYS[key] for key in missing)}."
         )
     texts += [
-        f"{key} has no part in the limits of {shaft.rule}. Leave it out, or name"
+        f"{key} has no part in the limits of {rule.name}. Leave it out, or name"
         " another rule."
-        for key in (() if rule is None else rule.unread)
-        if getattr(shaft, key) is not None
+        for key in rule.unread
+        if getattr(shaft, key) is not None and (shaft.rule or rule.default)
     ]
     return texts
+
+
+def _concentration_errors(shaft: Shaft) -> list[str]:
+    """Check that stress concentration factors for torsion and the limit of the
+    alternating stress are given together, with a section.
+    """
+    factors = _present_keys(shaft, "fillet_factor", "oil_bore_factor")
+    if factors and shaft.alternating_limit is None:
+        return [
+            f"{joined(factors)} {'are' if factors[1:] else 'is'} given without"
+            " alternating_limit. Give the permissible alternating torsional stress in"
+            " Pa."
+        ]
+    if shaft.alternating_limit is None:
+        return []
+    texts = []
+    if not factors:
+        texts.append(
+            "alternating_limit is given without fillet_factor or oil_bore_factor. Give"
+            " one or both (alpha_T or beta_T, and gamma_T of IACS UR M53)."
+        )
+    if shaft.diameter is None and shaft.outer is None:
+        texts.append(
+            "alternating_limit is given without diameter. Give the diameter (or outer)"
+            " in m."
+        )
+    return texts
+
+
+def _rated_errors(link: Shaft | Damper) -> list[str]:
+    """Check that the maximum torque of a coupling is its largest."""
+    most = link.maximum_torque
+    return [
+        f"maximum_torque is {most:g} N m, less than {key} = {value:g} N m. It bounds"
+        " every instant: correct one of them."
+        for key in ("nominal_torque", "vibratory_torque")
+        if plain_number(value := getattr(link, key))
+        and plain_number(most)
+        and most < value
+    ]
 
 
 def _curve_errors(shaft: Shaft) -> list[str]:
@@ -480,6 +610,11 @@ def _curve_errors(shaft: Shaft) -> list[str]:
 
 
 def load_errors(load: Load) -> list[str]:
+    """Check the blades of a load, and its law over the speed."""
+    return blade_errors(load) + _law_errors(load)
+
+
+def _law_errors(load: Load) -> list[str]:
     """Check that a load has one law over the speed, with all that it needs."""
     rated = {"rated_torque in N m": load.rated_torque, "rated_rpm": load.rated_rpm}
     present = [key.split()[0] for key, value in rated.items() if value is not None]

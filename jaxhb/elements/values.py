@@ -71,6 +71,7 @@ def _table_errors(where: str, field: dataclasses.Field, value: Any) -> list[str]
     return [text for sentences in by_field for text in sentences or ()]
 
 
+COLDEST = -273.15  # deg C
 # Distance from a whole number, in harmonics of the cycle, up to which an order fits
 WHOLE = 1e-6
 LONGEST_NAME = 100  # characters: tables and pictures show names
@@ -250,7 +251,8 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
                 f" most {LARGEST:g} in size."
             ]
     first = [float(row[0]) for row in rows]
-    if columns[0] == "torque":  # terms of a sum, in any order
+    # Terms of a sum, in any order, and tables over two quantities
+    if columns[0] == "torque" or columns[:2] == ("order", "imep"):
         return []
     if columns[0] in ("order", "Hz"):
         order, unit = ("order", "") if columns[0] == "order" else ("frequency", " Hz")
@@ -284,13 +286,18 @@ def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
                 f"{name}, row {i}: {columns[0]} {current:g} after {previous:g}; must"
                 f" increase. {remedy}."
             ]
-    if columns[0] in ("hz", "amplitude"):
+    if columns[0] in ("hz", "amplitude", "temperature"):
         # 5e-324 is the least number above 0.
-        rules = (
-            (0, "at least 0", 0.0),
-            (2, "at least 0", 0.0),
-            (1, "greater than 0", 5e-324),
-        )
+        allowed = {
+            "temperature": (f"at least {COLDEST:g}", COLDEST),
+            "factor of stiffness": ("greater than 0", 5e-324),
+        }
+        if columns[0] == "temperature":  # a change divides by what was before
+            allowed["factor of damping"] = allowed["factor of stiffness"]
+        rules = [
+            (column, *allowed.get(head, ("at least 0", 0.0)))
+            for column, head in enumerate(columns)
+        ]
         outside = (
             f"{name}, row {i + 1}: {columns[column]} is {row[column]:g}, must be"
             f" {words}. Correct the row."

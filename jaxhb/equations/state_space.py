@@ -112,9 +112,10 @@ def propagated(propagator: Array, state: Array) -> Array:
     """
     if propagator.ndim == 2:
         return propagator @ state
+    xp = namespace(propagator, state)
     pairs = state.reshape((2, -1) + state.shape[1:])
     blocks = propagator.reshape(propagator.shape + (1,) * (state.ndim - 1))
-    return jnp.concatenate([row[0] * pairs[0] + row[1] * pairs[1] for row in blocks])
+    return xp.concatenate([row[0] * pairs[0] + row[1] * pairs[1] for row in blocks])
 
 
 def modal_basis(transition: Array) -> Array:

@@ -8,7 +8,7 @@ are taken of these once, for all speeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -127,10 +127,10 @@ def _parts(
     if traces is not None:
         by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES)
         by_trace = by_trace.swapaxes(0, 1)
-        parts.append(of_tables(_on_cylinders(by_trace, traces.seats, count, axis=1)))
+        parts.append(of_tables(on_cylinders(by_trace, traces.seats, count, axis=1)))
     if burning is not None:
         parts.append(
-            _on_cylinders(of_combustion(cylinders), burning.seats, count, axis=1)
+            on_cylinders(of_combustion(cylinders), burning.seats, count, axis=1)
         )
     return parts
 
@@ -209,14 +209,14 @@ def _weights(cylinders: Cylinders, rpm: Number) -> tuple[list[Array], list[Array
         both = by_speed[..., :, None] * by_load[..., None, :]
         both = both.reshape((*speed.shape, seats.size, -1))
         tabled.append(
-            _on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1)
+            on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1)
         )
     if burning is None:
         return tabled, []
     seats = np.array(burning.seats)
     charge, exhaust = charge_pressures(cylinders, speed)
     by_cylinder = xp.stack([charge, exhaust, share[..., seats]], axis=-2)
-    return tabled, [_on_cylinders(by_cylinder, burning.seats, count, axis=-1)]
+    return tabled, [on_cylinders(by_cylinder, burning.seats, count, axis=-1)]
 
 
 def charge_pressures(cylinders: Cylinders, rpm: Number) -> tuple[Array, Array]:
@@ -297,7 +297,7 @@ def load_share(cylinders: Cylinders, rpm: Number) -> Array:
     return (hats(x, points) * shares).sum(axis=-1)
 
 
-def _on_cylinders(
+def on_cylinders(
     values: Array, seats: Sequence[int], count: int, *, axis: int
 ) -> Array:
     """Spread values of some cylinders along ``axis`` over all of them: zeros where
@@ -404,27 +404,46 @@ def _with_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:
 def outside_traces(
     names: Sequence[str], cylinders: Cylinders, rpm: Number
 ) -> list[str]:
-    """Write sentences on speeds and loads outside of the range of traces; see
-    :meth:`DriveTrain.outside_traces`.
+    """Write sentences on speeds and loads outside of the range of traces and of tables
+    of tangential pressure; see :meth:`DriveTrain.outside_traces`.
     """
-    traces = cylinders.traces
     cylinders_by_range: dict[tuple[str, str], list[str]] = {}
-    if traces is None:
-        return []
-    share = np.asarray(load_share(cylinders, rpm))
-    for k, i in enumerate(traces.seats):
-        speeds, loads = traces.sizes[k]
-        grids = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
-        if loads > 1:
-            grids.append(("load", float(share[i]), traces.load[k][:loads], ""))
-        for quantity, value, grid, unit in grids:
-            low = float(grid[0])
-            high = float(grid[-1])
-            if not low <= value <= high:
-                covered = f"({low:g} to {high:g}{unit}): the nearest is used"
-                cylinders_by_range.setdefault((quantity, covered), []).append(names[i])
+    for i, quantity, value, grid, unit in _grids(cylinders, rpm):
+        low = float(grid[0])
+        high = float(grid[-1])
+        # The product of full load and share rounds.
+        rounding = 1e-12 * high
+        if not low - rounding <= value <= high + rounding:
+            covered = f"({low:g} to {high:g}{unit}): the nearest is used"
+            cylinders_by_range.setdefault((quantity, covered), []).append(names[i])
     return [
-        f"the {quantity} lies outside the pressure traces of"
-        f" {', '.join(map(repr, cylinder_names))} {covered}"
+        f"the {quantity} of {', '.join(map(repr, cylinder_names))} {covered}"
         for (quantity, covered), cylinder_names in cylinders_by_range.items()
     ]
+
+
+def _grids(
+    cylinders: Cylinders, rpm: Number
+) -> Iterator[tuple[int, str, float, Array, str]]:
+    """Cylinder, quantity and table in words, value at a speed, points of the table, and
+    their unit.
+    """
+    traces = cylinders.traces
+    tables = cylinders.tangential_pressure
+    if traces is None and tables is None:
+        return
+    share = np.asarray(load_share(cylinders, rpm))
+    for k, i in enumerate(traces.seats if traces is not None else ()):
+        assert traces is not None  # it has seats
+        speeds, loads = traces.sizes[k]
+        lies = "lies outside the pressure traces"
+        yield i, f"speed {lies}", float(rpm), traces.rpm[k][:speeds], " rpm"
+        if loads > 1:
+            load = traces.load[k][:loads]
+            yield i, f"load {lies}", float(share[i]), load, ""
+    for k, i in enumerate(tables.seats if tables is not None else ()):
+        assert tables is not None  # it has seats
+        grid = tables.grid[k][: tables.sizes[k][0]]
+        mean_pressure = float(tables.imep[k] * share[i])
+        quantity = "mean indicated pressure lies outside the tangential pressures"
+        yield i, quantity, mean_pressure, grid, " Pa"

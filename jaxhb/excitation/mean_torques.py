@@ -12,6 +12,7 @@ from jaxhb._jax import Array, Number, namespace, remembered
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
 from jaxhb.excitation.tables import Cylinders, GasCycles
+from jaxhb.excitation.tangential import tangential_means
 
 
 def scale_at(table: Any, rpm: Number) -> Array:
@@ -67,6 +68,8 @@ def mean_gas_torques(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Ar
         np.array(cycles.prescribed) * gas.injection(cylinders, cycles) * prescribed
     )
     mean = prescribed + np.array(cycles.computed) * computed
+    if cylinders.tangential_pressure is not None:
+        mean = mean + tangential_means(cylinders, cycles, rpm)
     if cylinders.gas_factor is not None:
         mean = cylinders.gas_factor * mean
     return scale_at(cylinders, rpm) * mean

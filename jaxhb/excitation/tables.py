@@ -17,6 +17,9 @@ Table = TypeVar("Table")
 
 # Fields of a cylinder whose gas torque is computed from its pressure
 COMPUTED = ("pressure", "traces", "combustion")
+TANGENTIAL = "tangential_pressure"  # Field of a cylinder with a table of its orders
+# Fields whose numbers depend on the load
+LOADED = ("traces", "combustion", TANGENTIAL)
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
@@ -84,6 +87,27 @@ class Combustions:
 
 
 @table
+class TangentialPressures:
+    """Tangential pressures ``parts`` [n, R, K, 2], cosine and sine (Pa) of every order,
+    at the mean indicated pressures ``grid`` [n, R] (Pa), and ``imep`` [n] (Pa), the
+    mean indicated pressure at full load.
+
+    ``seats`` [n] are the cylinders that have them, ``sizes`` [n] how many pressures and
+    orders are theirs; the rest of their rows never counts. ``revolutions`` [n] are
+    those of their gas cycle; ``compresses`` [n] tells which have a row at 0, that of
+    compression alone.
+    """
+
+    seats: tuple[int, ...] = field(metadata={"static": True})
+    sizes: tuple[tuple[int, int], ...] = field(metadata={"static": True})
+    revolutions: tuple[int, ...] = field(metadata={"static": True})
+    compresses: tuple[bool, ...] = field(metadata={"static": True})
+    imep: Array
+    grid: Array
+    parts: Array
+
+
+@table
 class Cylinders:
     """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc];
     gas torque and scale.
@@ -92,8 +116,9 @@ class Cylinders:
     ``pressure`` [nc, M] (Pa) on the uniform grid of the gas cycle counted from firing
     top dead centre, zeros where none is given; ``scale_rpm`` and ``scale_factor`` [nc,
     L]. A rod that is not given is 1 m, a bore or stroke 0 m. None where no cylinder has
-    them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either,
-    and ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
+    them: ``traces``, ``combustion``, ``tangential_pressure``, ``load_rpm`` and
+    ``load_share`` [nc, L] of any of these, and ``gas_factor`` and ``injection`` [nc], 1
+    for a cylinder without.
     """
 
     bore: Array
@@ -109,6 +134,7 @@ class Cylinders:
     scale_factor: Array
     traces: Traces | None = None
     combustion: Combustions | None = None
+    tangential_pressure: TangentialPressures | None = None
     load_rpm: Array | None = None
     load_share: Array | None = None
     gas_factor: Array | None = None
@@ -118,9 +144,9 @@ class Cylinders:
 @dataclass(frozen=True, kw_only=True)
 class GasCycles:
     """Gas cycle of each cylinder: where its torque comes from (one of
-    :data:`COMPUTED`, "harmonics" or "none"), whether it fires, whether it is cut off
-    and has no gas torque at all, the revolutions of its crank in a gas cycle, and in
-    every how many of these it is injected.
+    :data:`COMPUTED`, :data:`TANGENTIAL`, "harmonics" or "none"), whether it fires,
+    whether it is cut off and has no gas torque at all, the revolutions of its crank in
+    a gas cycle, and in every how many of these it is injected.
     """
 
     source: tuple[str, ...]
@@ -144,6 +170,12 @@ class GasCycles:
         """Whether a gas torque is computed from a pressure."""
         cylinders = zip(self.source, self.cut_off, strict=True)
         return tuple(source in COMPUTED and not cut for source, cut in cylinders)
+
+    @property
+    def tangential(self) -> tuple[bool, ...]:
+        """Whether a gas torque is that of a table of tangential pressures."""
+        cylinders = zip(self.source, self.cut_off, strict=True)
+        return tuple(source == TANGENTIAL and not cut for source, cut in cylinders)
 
     @property
     def prescribed(self) -> tuple[bool, ...]:

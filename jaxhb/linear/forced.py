@@ -22,6 +22,7 @@ need not come to rest. The derivative is that of the implicit function, ``(1 - d
 """
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -149,12 +150,12 @@ def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array
 
 
 def _linearised(
-    equations: AmplitudeEquations, amplitude: jax.Array
+    resulting: Callable[[jax.Array], jax.Array], place: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """g - A ``(A,)``, and 1 - dg/dA ``(A, A)``."""
-    resulting, push = jax.linearize(lambda a: _resulting(equations, a), amplitude)
-    basis = jnp.eye(len(amplitude))
-    return resulting - amplitude, basis - jax.vmap(push)(basis).T
+    """g - A ``(A,)`` at a place A, and 1 - dg/dA ``(A, A)``, of a function g."""
+    value, push = jax.linearize(resulting, place)
+    basis = jnp.eye(len(place))
+    return value - place, basis - jax.vmap(push)(basis).T
 
 
 @jax.custom_jvp
@@ -162,7 +163,18 @@ def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
     """Amplitudes ``(A,)`` in rad that lead to themselves; see :func:`is_settled`."""
     train, *_ = equations
     start = jnp.zeros(len(train.topology.amplitude_links))
-    change, matrix = _linearised(equations, start)
+    return at_rest(lambda amplitude: _resulting(equations, amplitude), start, SETTLED)
+
+
+def at_rest(
+    resulting: Callable[[jax.Array], jax.Array], start: Array, settled: float
+) -> jax.Array:
+    """Where ``dA/dt = g(A) - A`` comes to rest from ``start`` ``(A,)`` upwards, with g
+    the function ``resulting``; to ``settled`` of its first change, or as far as STEPS
+    lead.
+    """
+    start = jnp.asarray(start, dtype=float)
+    change, matrix = _linearised(resulting, start)
     scale = jnp.where(change > 0, change, 1.0)
 
     State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, int]
@@ -172,14 +184,14 @@ def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
 
     def unsettled(state: State) -> jax.Array:
         _, change, _, _, steps = state
-        return (steps < STEPS) & (size(change) > SETTLED)
+        return (steps < STEPS) & (size(change) > settled)
 
     def step(state: State) -> State:
         amplitude, change, matrix, time, steps = state
         implicit = matrix + jnp.eye(len(matrix)) / time
         move = jnp.linalg.solve(implicit, change)
-        trial = jnp.maximum(amplitude + move, 0.0)
-        trial_change, trial_matrix = _linearised(equations, trial)
+        trial = jnp.maximum(amplitude + move, start)
+        trial_change, trial_matrix = _linearised(resulting, trial)
         predicted = change - matrix @ (trial - amplitude)
         # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude
         # that repels: it is refused.
@@ -211,7 +223,7 @@ def _settled_jvp(
     _, pushed = jax.jvp(
         lambda e: _resulting(e, amplitude), (equations,), (equations_dot,)
     )
-    _, matrix = _linearised(equations, amplitude)
+    _, matrix = _linearised(lambda a: _resulting(equations, a), amplitude)
     return amplitude, jnp.linalg.solve(matrix, pushed)
 
 
@@ -226,12 +238,15 @@ class ForcedResponse(Response):
     disk_power : ``(..., S)``, turned into heat by damping to ground
     link_power : ``(..., L)``, turned into heat by shafts, dampers and meshes
     input_power : ``(...)``, brought in by the alternating torques: the sum of all heat
+    temperatures : ``(..., W)`` deg C of the links with ``surface``, made by
+        :func:`jaxhb.heat_balance`, else None
     """
 
     # Always given: a default, as it comes after defaults.
     disk_power: Array = None  # type: ignore[assignment]
     link_power: Array = None  # type: ignore[assignment]
     input_power: Array = None  # type: ignore[assignment]
+    temperatures: Array | None = None
 
     def power(self, a: str, b: str | None = None) -> Array:
         """Power ``(...)`` in W that a disk, a damper or a link turns into heat; a link
@@ -241,6 +256,16 @@ class ForcedResponse(Response):
         if b is None and a in topology.disk_names and a not in topology.damper_names:
             return self.disk_power[..., topology.disk_index(a)]
         return self.link_power[..., topology.link_index(a, b)[0]]
+
+    def temperature(self, a: str, b: str | None = None) -> Array | None:
+        """Temperature ``(...)`` in deg C of a damper or shaft that gives off its heat,
+        as :func:`jaxhb.heat_balance` found it; None of others.
+        """
+        warm = self.topology.warm_links
+        link, _ = self.topology.link_index(a, b)
+        if self.temperatures is None or link not in warm:
+            return None
+        return self.temperatures[..., warm.index(link)]
 
 
 def forced_response(

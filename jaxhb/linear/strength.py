@@ -1,5 +1,6 @@
-"""Torsional stresses of shafts compared with their limits, tooth torques, and the heat
-of a link: an aid to evaluation, no approval by a class.
+"""Torsional stresses of shafts, tooth torques, heat, and torques, speeds and vibrations
+of couplings and disks compared with their limits: an aid to evaluation, no approval by
+a class.
 
 The rules with their sources are in :mod:`jaxhb.elements.rules`.
 """
@@ -7,7 +8,8 @@ The rules with their sources are in :mod:`jaxhb.elements.rules`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
@@ -16,10 +18,13 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
-from jaxhb.elements.rules import RULES, Section
+from jaxhb.elements.rules import RULES, Rule, Section
+from jaxhb.elements.rules.chosen import GEARS
 from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.kinematics import speed_ratios
+from jaxhb.train.omission import silent_cylinders
 from jaxhb.train.topology import Topology
 
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
@@ -48,7 +53,10 @@ def permissible_stress(
     diameter: Number = math.nan,
     stress_concentration: Number = math.nan,
     yield_strength: Number = 0.0,
-    rule: str = "M68",
+    bore: Number = 0.0,
+    nominal_torque: Number = math.nan,
+    rated_rpm: Number = math.nan,
+    rule: str | Rule = "M68",
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after a rule, continuous
     and transient.
@@ -91,7 +99,9 @@ def permissible_stress(
 
     with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which
     the rule counts 590 MPa at the most for carbon steels. They do not depend on the
-    diameter. ValueError if there is no such rule.
+    diameter. ``rule`` may be a rule of a file (``jaxhb.elements.rules.written``), which
+    may also read the ``bore`` in m, the ``nominal_torque`` in N m and ``rated_rpm``.
+    ValueError if there is no such rule.
 
     Examples
     --------
@@ -100,17 +110,25 @@ def permissible_stress(
     >>> [(limit / 1e6).round(2).tolist() for limit in limits]
     [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
     """
-    if rule not in RULES:
-        raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
-    xp = namespace(
-        diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio
+    if not isinstance(rule, Rule):
+        if rule not in RULES:
+            raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
+        rule = RULES[rule]
+    section = Section(
+        diameter=diameter,
+        tensile_strength=tensile_strength,
+        stress_concentration=stress_concentration,
+        yield_strength=yield_strength,
+        bore=bore,
+        nominal_torque=nominal_torque,
+        rated_rpm=rated_rpm,
     )
+    xp = namespace(*vars(section).values(), speed_ratio)
     ratio = xp.asarray(speed_ratio, dtype=float)
-    section = Section(diameter, tensile_strength, stress_concentration, yield_strength)
     # Both are masked, not one computed from the other: the derivative of an infinite
     # limit would be nan.
-    continuous, transient = RULES[rule].limits(section, ratio)
-    beyond = ratio > RULES[rule].highest
+    continuous, transient = rule.limits(section, ratio)
+    beyond = ratio > rule.highest
     return (
         xp.where(beyond, math.inf, continuous),
         xp.where(beyond, math.inf, transient),
@@ -130,6 +148,9 @@ class BarredRange:
     largest over the transient limit
     open_below, open_above : bool, whether the stress is above its limit at the first or
     last computed speed
+    rule_low, rule_high : float or None, rpm, of the range that the rule bars around the
+    critical speed ``at``, None of a rule without; tolerance : float, rpm, of the
+    tachometer, by which that rule widens the range above the limit
     """
 
     low: float
@@ -139,6 +160,43 @@ class BarredRange:
     transient_share: float
     open_below: bool = False
     open_above: bool = False
+    rule_low: float | None = None
+    rule_high: float | None = None
+    tolerance: float = 0.0
+
+    @property
+    def bar_low(self) -> float:
+        """Lowest speed in rpm that is to be barred: of the range above the limit with
+        the tolerance, and of that of the rule.
+        """
+        low = self.low - self.tolerance
+        if self.rule_low is None:
+            return low
+        return _end(namespace(low, self.rule_low).minimum(low, self.rule_low))
+
+    @property
+    def bar_high(self) -> float:
+        """Highest speed in rpm that is to be barred."""
+        high = self.high + self.tolerance
+        if self.rule_high is None:
+            return high
+        return _end(namespace(high, self.rule_high).maximum(high, self.rule_high))
+
+    def widened(
+        self, rule: Rule, rated_rpm: float, tachometer_tolerance: float
+    ) -> BarredRange:
+        """The range with that of a rule around its critical speed, and with the
+        tolerance as a share of the rated speed; itself of a rule without such a range.
+        """
+        if rule.barred is None:
+            return self
+        low, high = rule.barred(self.at, rated_rpm)
+        return replace(
+            self,
+            rule_low=_end(low),
+            rule_high=_end(high),
+            tolerance=tachometer_tolerance * rated_rpm,
+        )
 
     @property
     def passable(self) -> bool:
@@ -146,6 +204,11 @@ class BarredRange:
         passed through rapidly.
         """
         return self.transient_share <= 1.0
+
+
+def _end(speed: Any) -> Any:
+    """An end of a range: a float unless it is differentiated."""
+    return speed if traced(speed) else float(speed)
 
 
 def barred_ranges(
@@ -260,6 +323,110 @@ class Heat(NamedTuple):
     limit: Number
 
 
+class Bounded(NamedTuple):
+    """A number of an element and its limit, ``(...)`` in their SI unit."""
+
+    value: Array
+    limit: Number
+
+
+class Running(NamedTuple):
+    """A ``motion`` of a train at speeds ``(...)`` of the reference rotor in rpm."""
+
+    train: DriveTrain
+    rpm: Array
+    motion: Any
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that elements of some ``tables`` give in the unit of a scene by a
+    ``key``; what :func:`judged` compares with it, ``read(running, name)``; and the
+    factor to the SI unit.
+    """
+
+    key: str
+    tables: tuple[str, ...]
+    read: Callable[[Running, str], Array]
+    factor: float = 1.0
+
+    def of(self, train: DriveTrain, name: str) -> Number:
+        """Limit of an element in its SI unit."""
+        topology = train.topology
+        table = next(table for table in self.tables if name in topology.names_of(table))
+        index = topology.names_of(table).index(name)
+        return self.factor * getattr(train.table(table), self.key)[index]
+
+
+def largest_torque(running: Running, name: str) -> Array:
+    """Largest size ``(...)`` N m of the torque of a shaft or damper."""
+    torque = running.motion.torque(name)
+    return namespace(torque.max).maximum(torque.max, -torque.min)
+
+
+def speed_of(running: Running, name: str) -> Array:
+    """Speed ``(...)`` rpm of the rotor of a shaft or damper."""
+    topology = running.train.topology
+    link, _ = topology.link_index(name)
+    disk, _ = topology.link_ends[link]
+    ratio = speed_ratios(running.train)[topology.rotor[disk]]
+    return abs(ratio) * namespace(running.rpm, ratio).asarray(running.rpm)
+
+
+def concentrated_stress(running: Running, name: str) -> Array:
+    """Additional alternating torsional stress ``(...)`` Pa of a crankshaft, ``tau_N``
+    times the larger of its factors: IACS UR M53, torsion alone.
+    """
+    train = running.train
+    topology = train.topology
+    link, _ = topology.link_index(name)
+    factors = [
+        getattr(train.shafts, key)[link]
+        for key in ("fillet_factor", "oil_bore_factor")
+        if topology.has_key(link, key)
+    ]
+    nominal = stress_of(train, name, running.motion.torque(name).half_peak_to_peak)
+    return nominal * namespace(factors).max(namespace(factors).asarray(factors))
+
+
+LINKED = ("shaft", "damper")
+LIMITS = {
+    "heat": Limit(
+        "power_limit", LINKED, lambda running, name: running.motion.power(name)
+    ),
+    "mean_torques": Limit(
+        "nominal_torque",
+        LINKED,
+        lambda running, name: abs(running.motion.torque(name).mean),
+    ),
+    "vibratory_torques": Limit(
+        "vibratory_torque",
+        LINKED,
+        lambda running, name: running.motion.torque(name).half_peak_to_peak,
+    ),
+    "largest_torques": Limit("maximum_torque", LINKED, largest_torque),
+    "speeds": Limit("speed_limit", LINKED, speed_of),
+    "crank_stresses": Limit("alternating_limit", ("shaft",), concentrated_stress),
+    "angles": Limit(
+        "angle_limit",
+        ("disk",),
+        lambda running, name: running.motion.disk(name).half_peak_to_peak,
+        math.pi / 180.0,
+    ),
+    "irregularities": Limit(
+        "speed_irregularity_limit",
+        ("disk",),
+        lambda running, name: abs(running.motion.irregularity(name)),
+    ),
+    "accelerations": Limit(
+        "acceleration_limit",
+        ("disk",),
+        lambda running, name: running.motion.acceleration(name).half_peak_to_peak,
+    ),
+}
+"""Limits of one number each, by the fields of a :class:`Strength`."""
+
+
 class Judged(NamedTuple):
     """Source of a rule; rpm up to which it has limits, up to which it requires
     stresses, and up to which these are computed; and whether they are all it requires,
@@ -284,7 +451,18 @@ class Strength:
     stresses : dict, :class:`Stress` of every shaft with a ``diameter`` or ``outer``
     tooth_torques : dict, :class:`ToothTorque` of every mesh with a ``rated_torque``
     heat : dict, :class:`Heat` of every shaft and damper with a ``power_limit``
-    rules : dict, name of the rule of every shaft with limits
+    mean_torques, vibratory_torques, largest_torques, speeds : dict, :class:`Bounded` of
+        every shaft and damper with a ``nominal_torque``, ``vibratory_torque``,
+        ``maximum_torque`` (N m) or ``speed_limit`` (rpm)
+    crank_stresses : dict, :class:`Bounded` of every shaft with an
+        ``alternating_limit``, Pa
+    angles, irregularities, accelerations : dict, :class:`Bounded` of every disk with an
+        ``angle_limit`` (rad), ``speed_irregularity_limit`` or ``acceleration_limit``
+        (rad/s2)
+    rules : dict, name of the rule of every shaft with limits; known : dict, the rules
+        by name
+    tachometer_tolerance : share of the rated speed by which barred ranges are widened
+    not_firing : names of the cylinders without injection or gas torque
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
     cycles, as no harmonic solution
         repeats the motion
@@ -295,27 +473,42 @@ class Strength:
     stresses: dict
     tooth_torques: dict
     heat: dict
+    mean_torques: dict = field(default_factory=dict)
+    vibratory_torques: dict = field(default_factory=dict)
+    largest_torques: dict = field(default_factory=dict)
+    speeds: dict = field(default_factory=dict)
+    crank_stresses: dict = field(default_factory=dict)
+    angles: dict = field(default_factory=dict)
+    irregularities: dict = field(default_factory=dict)
+    accelerations: dict = field(default_factory=dict)
     rules: dict = field(default_factory=dict)
+    known: dict = field(default_factory=lambda: RULES, repr=False)
+    tachometer_tolerance: float = 0.0
+    not_firing: tuple[str, ...] = ()
     unconfirmed: np.ndarray | None = None
 
     def __bool__(self) -> bool:
         """Whether the scene has anything to judge by limits."""
-        return bool(self.stresses or self.tooth_torques or self.heat)
+        kinds = ("stresses", "tooth_torques", *LIMITS)
+        return any(getattr(self, kind) for kind in kinds)
 
     @property
     def barred(self) -> dict[str, tuple[BarredRange, ...]]:
         """Barred speed ranges of every shaft with limits, see
         :func:`jaxhb.barred_ranges`; of several speeds.
         """
-        limited = {
-            name: row
-            for name, row in self.stresses.items()
-            if row.continuous is not None
-        }
-        return {
-            name: barred_ranges(self.rpm, row.stress, row.continuous, row.transient)
-            for name, row in limited.items()
-        }
+        barred = {}
+        for name, row in self.stresses.items():
+            if row.continuous is None:
+                continue
+            rule = self.known[self.rules[name]]
+            ranges = barred_ranges(self.rpm, row.stress, row.continuous, row.transient)
+            assert self.rated_rpm is not None  # limits are those of a rated speed
+            barred[name] = tuple(
+                each.widened(rule, self.rated_rpm, self.tachometer_tolerance)
+                for each in ranges
+            )
+        return barred
 
     @property
     def judged(self) -> dict[str, Judged]:
@@ -324,13 +517,14 @@ class Strength:
         """
         by_rule: dict = {}
         for name, rule in self.rules.items():
+            known = self.known[rule]
             stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
             reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))
             rated = self.rated_rpm or 0.0
-            required = RULES[rule].required * rated
+            required = known.required * rated
             judgement = Judged(
-                source=RULES[rule].source,
-                limits_to_rpm=RULES[rule].highest * rated,
+                source=known.source,
+                limits_to_rpm=known.highest * rated,
                 asked_to_rpm=required,
                 known_to_rpm=reached,
                 complete=reached >= (1 - NEAR) * required,
@@ -354,8 +548,9 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     speed over ``rated_rpm`` after its ``rule``, see :func:`jaxhb.permissible_stress`
     (IACS UR M68: not for crankshafts). Every mesh with a ``rated_torque`` has half of
     the peak-to-peak torque on its first gear, which must not exceed a third of the
-    rated torque, nor may the torque reverse. Every shaft and damper with a
-    ``power_limit`` has its heat. An aid to evaluation, no class approval.
+    rated torque, nor may the torque reverse. Every shaft, damper and disk with a limit
+    of :data:`LIMITS` has the number that it bounds. An aid to evaluation, no class
+    approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
@@ -405,7 +600,7 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         link, _ = topology.link_index(name)
         if topology.has_key(link, "tensile_strength"):
             continuous, transient = stress_limits(train, name, rpm)
-            rules[name] = topology.shaft_rules[link]
+            rules[name] = topology.rule_of(link).name
         stresses[name] = Stress(stress, continuous, transient)
 
     def tooth_torque(name: str) -> ToothTorque:
@@ -416,6 +611,15 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
             radius * force.half_peak_to_peak, limit, radius * force.mean, reverses
         )
 
+    def bounded(kind: str) -> dict[str, Bounded]:
+        limit = LIMITS[kind]
+        running = Running(train, rpm, motion)
+        return {
+            name: Bounded(limit.read(running, name), limit.of(train, name))
+            for table in limit.tables
+            for name in having(topology, table, limit.key)
+        }
+
     return Strength(
         rpm=rpm,
         rated_rpm=topology.rated_rpm,
@@ -423,18 +627,31 @@ def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
         tooth_torques={
             name: tooth_torque(name)
             for name in having(topology, "mesh", "rated_torque")
+            if GEARS in topology.rules.names
         },
-        heat={
-            name: Heat(motion.power(name), power_limit(train, name))
-            for table in ("shaft", "damper")
-            for name in having(topology, table, "power_limit")
-        },
+        heat={name: Heat(*row) for name, row in bounded("heat").items()},
+        mean_torques=bounded("mean_torques"),
+        vibratory_torques=bounded("vibratory_torques"),
+        largest_torques=bounded("largest_torques"),
+        speeds=bounded("speeds"),
+        crank_stresses=bounded("crank_stresses"),
+        angles=bounded("angles"),
+        irregularities=bounded("irregularities"),
+        accelerations=bounded("accelerations"),
         rules=rules,
+        known=topology.rules.rules,
+        tachometer_tolerance=topology.tachometer_tolerance,
+        not_firing=silent_cylinders(train),
     )
 
 
 def having(topology: Topology, table: str, *keys: str) -> list[str]:
-    """Names of the links of a table that have one of the keys in the scene."""
+    """Names of the links, or disks, of a table that have one of the keys in the
+    scene.
+    """
+    if table == "disk":
+        disks = zip(topology.names_of(table), topology.disk_keys, strict=False)
+        return [name for name, present in disks if set(keys) & set(present)]
     names = topology.names_of(table) if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
     return [
@@ -475,15 +692,19 @@ def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Arr
     shafts = train.shafts
     optional = {
         key: getattr(shafts, key)[shaft]
-        for key in ("stress_concentration", "yield_strength")
+        for key in ("stress_concentration", "yield_strength", "nominal_torque")
         if train.topology.has_key(shaft, key)
     }
-    diameter, _ = section(train, name)
+    diameter, bore = section(train, name)
+    rated = train.topology.rated_rpm
+    assert rated is not None  # a shaft with limits has one
     return permissible_stress(
         diameter=diameter,
+        bore=bore,
+        rated_rpm=rated,
         tensile_strength=shafts.tensile_strength[shaft],
-        speed_ratio=namespace(rpm).asarray(rpm) / train.topology.rated_rpm,
-        rule=train.topology.shaft_rules[shaft],
+        speed_ratio=namespace(rpm).asarray(rpm) / rated,
+        rule=train.topology.rule_of(shaft),
         **optional,
     )
 
@@ -495,9 +716,3 @@ def rated_gear(train: DriveTrain, name: str) -> tuple[Number, Number]:
     mesh = train.topology.mesh_names.index(name)
     first, _ = train.topology.mesh_ends[mesh]
     return train.disks.radius[first], SHARE_OF_RATED * train.meshes.rated_torque[mesh]
-
-
-def power_limit(train: DriveTrain, name: str) -> Number:
-    """Power in W that a shaft or damper may turn into heat."""
-    table, index = train.topology.elements[name]
-    return getattr(train, f"{table}s").power_limit[index]

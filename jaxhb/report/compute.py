@@ -311,6 +311,7 @@ def check_spread(
     solved = np.isfinite(spread.nominal)
     say("what does the nominal train do?")
     kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
+    linear = not train.topology.has_law.any()
     worst: list = []
     differences = []
     for i, rpm in enumerate(spread.rpm):
@@ -318,6 +319,9 @@ def check_spread(
         for j, objective in enumerate(spread.of):
             if not solved[i, j]:
                 worst[-1].append("")
+                continue
+            if linear:  # its only motion is the one that was searched
+                worst[-1].append(kinds[i])
                 continue
             say(f"{rpm:g} rpm: what does the train do in its worst cases?")
             design = train.replace(spread.values(i, j))

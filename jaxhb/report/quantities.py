@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from jaxhb.report.answer import largest
 from jaxhb.report.selection import turning_disks
-from jaxhb.report.text.columns import plain_number
+from jaxhb.report.units import said, shown_unit
 from jaxhb.results.motion import drive_sense as sense_of_motion
 from jaxhb.results.quantities import (
     VARIABLES,
@@ -24,22 +23,6 @@ from jaxhb.results.quantities import (
 if TYPE_CHECKING:
     from jaxhb.report.answer import Answer, Case
     from jaxhb.train.drivetrain import DriveTrain
-
-SHOWN_UNITS = {
-    "N": (1e-3, "kN"),
-    "rad": (180 / math.pi, "deg"),
-    "rad/s": (30 / math.pi, "rpm"),
-    "Pa": (1e-6, "MPa"),
-    "1": (100.0, "%"),
-}
-"""Factor from an SI unit, and the unit in which people read it; other units are read as
-they are.
-"""
-
-
-def shown_unit(unit: str) -> tuple[float, str]:
-    """Return the factor from an SI unit, and the unit in which people read it."""
-    return SHOWN_UNITS.get(unit, (1.0, unit))
 
 
 def drive_sense(answer: Answer, name: str) -> int:
@@ -113,6 +96,11 @@ class Quantity:
         return shown_unit(self.entry.unit)[1]
 
     @property
+    def placeholder(self) -> str:
+        """Placeholder for the unit in tables."""
+        return f"{{{self.entry.unit}}}"
+
+    @property
     def factor(self) -> float:
         """The factor from SI to the unit for people."""
         return shown_unit(self.entry.unit)[0]
@@ -150,19 +138,23 @@ class Quantity:
 
     def said(self, value: float) -> str:
         """A number in SI in words for people."""
-        return f"{plain_number(self.factor * value)} {self.unit}"
+        return said(value, self.entry.unit)
 
-    def of(self, answers: Sequence[Answer], name: str) -> np.ndarray:
-        """Read the number ``(n,)`` of every answer in the unit for people, nan where
-        there is none to rely on.
+    def numbers(self, answers: Sequence[Answer], name: str) -> np.ndarray:
+        """Read the number ``(n,)`` of every answer in SI, nan where there is none to
+        rely on.
         """
-        return self.factor * np.array(
+        return np.array(
             [
                 self.read(answer, name) if answer.answered else np.nan
                 for answer in answers
             ],
             float,
         )
+
+    def of(self, answers: Sequence[Answer], name: str) -> np.ndarray:
+        """Read the :meth:`numbers` in the unit for people."""
+        return self.factor * self.numbers(answers, name)
 
     def without(self, answers: Sequence[Answer], name: str) -> np.ndarray:
         """Read the same without backlash ``(n,)``; nan where that has not converged."""

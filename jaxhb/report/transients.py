@@ -10,8 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb.elements.rules import Rule
 from jaxhb.linear.forced import forced_response
-from jaxhb.linear.strength import BarredRange, having, strength, stress_limits
+from jaxhb.linear.strength import (
+    LIMITS,
+    BarredRange,
+    Running,
+    having,
+    speed_of,
+    strength,
+    stress_limits,
+)
 from jaxhb.results.motion import drive_sense
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.topology import Topology
@@ -49,8 +58,25 @@ class StressPeak:
     rpm: float
     limit: float
     share: float
-    rule: str
+    rule: Rule | None
     fatigue: Fatigue | None
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Largest number of an element that a limit bounds at every instant, with its limit
+    in the SI unit: time in s, speed in rpm.
+    """
+
+    value: float
+    limit: float
+    time: float
+    rpm: float
+
+    @property
+    def share(self) -> float:
+        """Number over its limit."""
+        return self.value / self.limit
 
 
 @dataclass(frozen=True)
@@ -68,13 +94,16 @@ class Passage:
 
 @dataclass(frozen=True)
 class TransientReport:
-    """A transient, how it began, its events, and what follows from it."""
+    """A transient, how it began, its events, and what follows from it; ``peaks`` by
+    fields of :class:`jaxhb.Strength` and elements.
+    """
 
     run: Transient
     start: str
     events: tuple[str, ...]
     stresses: dict[str, StressPeak]
     passages: list[Passage]
+    peaks: dict[str, dict[str, Peak]]
 
     @property
     def topology(self) -> Topology:
@@ -100,7 +129,35 @@ def transient_report(
         events=tuple(events),
         stresses={name: _stress_peak(run, name) for name in shafts},
         passages=[*_barred_passages(run), *chosen],
+        peaks={kind: _peaks(run, kind) for kind in AT_EVERY_INSTANT},
     )
+
+
+AT_EVERY_INSTANT = ("largest_torques", "speeds")
+"""Kinds of limits that hold at every instant, not over a cycle alone."""
+
+
+def _peaks(run: Transient, kind: str) -> dict[str, Peak]:
+    """Find the largest number of every element with a limit of a kind."""
+    peaks = {}
+    limit = LIMITS[kind]
+    names = [
+        name
+        for table in limit.tables
+        for name in having(run.topology, table, limit.key)
+    ]
+    for name in names:
+        values = run.torque(name)
+        if kind == "speeds":
+            speeds = np.asarray(speed_of(Running(run.train, run.rpm, run), name))
+            values = History(run.time, speeds, run.rpm, run.angle)
+        peaks[name] = Peak(
+            value=float(values.peak),
+            limit=float(limit.of(run.train, name)),
+            time=float(values.time_of_peak),
+            rpm=float(values.rpm_of_peak),
+        )
+    return peaks
 
 
 def has_curve(topology: Topology) -> bool:
@@ -116,9 +173,9 @@ def _stress_peak(run: Transient, name: str) -> StressPeak:
     amplitude = (envelope.highest - envelope.lowest) / 2
     limits = np.full(len(amplitude), np.nan)
     link, _ = topology.link_index(name)
-    rule = ""
+    rule = None
     if topology.has_key(link, "tensile_strength"):
-        rule = topology.shaft_rules[link]
+        rule = topology.rule_of(link)
         limits = np.asarray(stress_limits(run.train, name, envelope.rpm)[1])
         limits = np.where(np.isfinite(limits), limits, np.nan)
     shares = amplitude / limits

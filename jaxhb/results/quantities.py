@@ -313,7 +313,7 @@ OF_ELEMENTS = (
         json="power_W",
         csv="heat",
         compared=True,
-        column="heat W",
+        column="heat {W}",
         called="heat",
         title="Heat of dampers",
     ),

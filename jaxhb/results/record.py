@@ -336,8 +336,11 @@ class Motions(Motion):
                 for motion in self.motions
             ]
             return np.array(powers)
+        # A motion without a period has no accelerations.
         signals = [
-            NO_SIGNAL if motion is None else motion._read(quantity, index, sense)
+            NO_SIGNAL
+            if motion is None or (quantity == "acceleration" and not motion.solution)
+            else motion._read(quantity, index, sense)
             for motion in self.motions
         ]
         return SimpleNamespace(

@@ -11,15 +11,17 @@ import difflib
 import os
 import re
 import tomllib
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.declared import Unread, fields_of_class
-from jaxhb.elements.elements import TABLES, Head
+from jaxhb.elements.elements import TABLES, TACHOMETER, Head
 from jaxhb.elements.engine import Engine
+from jaxhb.elements.rules.chosen import DEFAULT, File
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
-from jaxhb.elements.units import si_value, units_of_columns
+from jaxhb.elements.units import UnitError, chosen_units, si_value, units_of_columns
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.scene.input_files import (
@@ -29,6 +31,8 @@ from jaxhb.scene.input_files import (
     read_bytes,
     read_text,
 )
+from jaxhb.scene.parts import with_parts
+from jaxhb.scene.title_block import TitleBlock, read_title_block
 from jaxhb.scene.workbook.places import in_cells
 from jaxhb.scene.workbook.reading import workbook_content
 from jaxhb.train.assembly import checked
@@ -52,10 +56,15 @@ BESIDE = (
     "sequence",
     "tune",
     "tolerance",
+    "report",
+    "parts",
 )  # tables that are no elements
 MOST_ELEMENTS = 100_000
 Tables = dict[tuple[str, tuple[str, ...]], tuple | Unread]
 """Rows of CSV files by their names and the units of their columns."""
+RULE_FILE = ".toml"
+"""End of the names of files among the rules of a scene."""
+
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -74,6 +83,15 @@ def scene_description(name: str | Path) -> str:
     """
     head = parse(find_scene(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
+
+
+def scene_title_block(name: str | Path) -> tuple[TitleBlock, Path]:
+    """Read the ``[report]`` of a packaged scene or a file, and return it with the
+    folder in which its logo lies.
+    """
+    path = find_scene(name)
+    table = parse(path, []).get("report")
+    return read_title_block(table, path.name, path.parent, []), path.parent
 
 
 def load_scene(name: str | Path) -> DriveTrain:
@@ -115,6 +133,7 @@ def _load(path: Path) -> DriveTrain:
         f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}"
         for key in unknown
     ]
+    read_title_block(content.get("report"), path.name, path.parent, errors)
     elements, lost = _read_elements(path, content, errors)
     return checked(
         elements,
@@ -122,11 +141,16 @@ def _load(path: Path) -> DriveTrain:
         reference=head.get("reference"),
         cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
+        temperature=head.get("temperature"),
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
+        report=_report_units(content.get("report"), path.name, errors),
         scenarios=content.get("scenario"),
         sequences=content.get("sequence"),
         notes=_notes(head, path.name, errors),
+        rules=_rules(head, path, errors),
+        tachometer_tolerance=head.get("tachometer_tolerance", TACHOMETER),
+        operating_rpm=head.get("operating_rpm", ()),
         source=path.name,
         findings=errors,
         complete=whole and not lost,
@@ -144,6 +168,61 @@ def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, .
         " Correct it."
     )
     return ()
+
+
+def _report_units(table: Any, source: str, errors: list[str]) -> dict[str, str]:
+    """Read the ``units`` of ``[report]``, whose other keys stand in the title block."""
+    if not isinstance(table, dict):
+        return {}
+    units = table.get("units", {})
+    if not isinstance(units, dict):
+        errors.append(
+            f"{source}, [report]: units is {shown(units)}, must be a table. Write"
+            ' units = { torque = "kN m" }.'
+        )
+        return {}
+    try:
+        chosen_units(units)
+    except UnitError as error:
+        errors.append(f"{source}, [report]: {error}")
+        return {}
+    return units
+
+
+def _rules(
+    head: dict[str, Any], path: Path, errors: list[str]
+) -> tuple[str | File, ...]:
+    """Read the rules of ``[scene]``: names, and files beside the scene."""
+    rules = head.get("rules", DEFAULT)
+    if not isinstance(rules, list | tuple) or not all(
+        isinstance(rule, str) for rule in rules
+    ):
+        errors.append(
+            f"{path.name}, [scene]: rules is {shown(rules)}, must be a list of names"
+            " and files. Correct it."
+        )
+        return DEFAULT
+    try:
+        return read_rules(rules, path.parent)
+    except SceneError as error:
+        errors += [f"{path.name}, [scene]: rules: {text}" for text in error.sentences]
+        return DEFAULT
+
+
+def read_rules(rules: Iterable[str], folder: Path) -> tuple[str | File, ...]:
+    """Read the files among names of rules, those that end in ``.toml``;
+    :class:`SceneError` where one cannot be read.
+    """
+    entries: list[str | File] = []
+    for rule in rules:
+        if not rule.endswith(RULE_FILE):
+            entries.append(rule)
+            continue
+        try:
+            entries.append(File(Path(rule).name, read_text(folder / rule)))
+        except Unreadable as error:
+            raise SceneError(f"{cut(rule)}: {error}") from None
+    return tuple(entries)
 
 
 def _folder() -> Path:
@@ -223,6 +302,7 @@ def _read_elements(
     """Make the elements, and name the tables that are not read, or not whole; sentences
     are added to ``errors``.
     """
+    content = with_parts(content, path, errors)
     elements: list[Any] = []
     tables: Tables = {}
     lost: set[str] = set()

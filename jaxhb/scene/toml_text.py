@@ -92,8 +92,8 @@ class TomlText:
         return value
 
     def rename(self, keys: Collection[str], names: Mapping[str, str]) -> None:
-        """Change texts that are values of some ``keys``, in any table; ``names`` gives
-        the new text of each.
+        """Change texts that are values of some ``keys``, or stand in lists that are, in
+        any table; ``names`` gives the new text of each.
         """
         for number, content in enumerate(self._read):
             for path in _places(content, keys, names):
@@ -206,15 +206,17 @@ def _places(
     keys: Collection[str],
     texts: Collection[str],
     path: tuple[str | int, ...] = (),
+    holder: str | int = "",
 ) -> Iterator[tuple[str | int, ...]]:
-    """Paths, inside a table or a list, of values of some keys that are one of some
-    texts.
+    """Paths, inside a table or a list, of values of some keys, or in lists that are
+    values of these, that are one of some texts; ``holder`` is the key of a list.
     """
     pairs = value.items() if isinstance(value, dict) else enumerate(value)
     for key, inner in pairs:
+        name = key if isinstance(value, dict) else holder
         if isinstance(inner, dict | list):
-            yield from _places(inner, keys, texts, (*path, key))
-        elif key in keys and isinstance(inner, str) and inner in texts:
+            yield from _places(inner, keys, texts, (*path, key), name)
+        elif name in keys and isinstance(inner, str) and inner in texts:
             yield *path, key
 
 

@@ -6,19 +6,21 @@ A ``.toml`` stays as it was written, comments included, except where it changes.
 
 import dataclasses
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.checks import Parts
 from jaxhb.elements.declared import table_of
+from jaxhb.elements.derived import temperature_factors
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinder_rows
 from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
     BESIDE,
     READ,
+    RULE_FILE,
     _read_elements,
     find_scene,
     load_scene,
@@ -26,6 +28,7 @@ from jaxhb.scene.files import (
     si_keys,
 )
 from jaxhb.scene.input_files import is_beside, read_bytes
+from jaxhb.scene.parts import is_shared, part_files, with_parts
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 
@@ -56,8 +59,9 @@ def scene_text(
 
     ``name`` is that of :func:`jaxhb.load_scene`, ``called`` another name for the scene;
     ``expand`` writes the ``[[cylinder]]`` entries that an ``[engine]`` makes in its
-    place. The text is TOML with the comments and the order of a ``.toml``, and loads to
-    the same train; with it comes ``{file name: Path}`` of the CSV files that the scene
+    place, and the keys of catalogue parts in the place of their names. The text is TOML
+    with the comments and the order of a ``.toml``, and loads to the same train; with it
+    comes ``{file name: Path}`` of the CSV files and the files of parts that the scene
     names. :class:`SceneError` names all faults of the scene.
 
     >>> text, beside = scene_text("spur_pair")
@@ -71,6 +75,7 @@ def scene_text(
     text = _text_of(path, content)
     if expand:
         _expand(text, content)
+        _expand_parts(text, content, path)
     head = content.get("scene")
     if head is None:
         # Before all heads
@@ -87,9 +92,13 @@ def elements_text(
     reference: str | None = None,
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
+    temperature: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     sequences: dict[str, dict[str, Any]] | None = None,
+    rules: Sequence[str] | None = None,
+    tachometer_tolerance: float | None = None,
+    operating_rpm: Sequence[float] | None = None,
 ) -> str:
     """Write TOML that loads to the train of :func:`jaxhb.build` with the same
     arguments.
@@ -106,6 +115,10 @@ def elements_text(
         "reference": reference,
         "revolutions_per_cycle": revolutions_per_cycle,
         "rated_rpm": rated_rpm,
+        "rules": _plain(rules),
+        "tachometer_tolerance": tachometer_tolerance,
+        "operating_rpm": _plain(operating_rpm),
+        "temperature": temperature,
     }
     content: dict[str, Any] = {
         "scene": {key: value for key, value in head.items() if value is not None}
@@ -127,6 +140,8 @@ def _fields_set(element: Any) -> dict[str, Any]:
     for field in dataclasses.fields(element):
         value = getattr(element, field.name)
         # An array equals no default, and has no truth value.
+        if field.name == "part":
+            continue  # its keys are written themselves
         if value is not field.default and (
             hasattr(value, "shape") or value != field.default
         ):
@@ -166,6 +181,22 @@ def _expand(text: TomlText, content: Mapping[str, Any]) -> None:
         text.replace("engine", "cylinder", cylinders)
 
 
+def _expand_parts(text: TomlText, content: Mapping[str, Any], path: Path) -> None:
+    """Write the keys of parts into the elements that name these."""
+    if "parts" not in content:
+        return
+    for table, rows in with_parts(content, path, []).items():
+        written = content[table]
+        for i, row in enumerate(rows if isinstance(rows, list) else []):
+            if "part" not in row:
+                continue
+            text.discard(table, i, "part")
+            for key in row:
+                if key not in written[i]:
+                    text.set(table, i, key, row[key])
+    text.replace("parts", "parts", [])
+
+
 def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Rows of the cylinders that the engines of a scene make."""
     engines = content.get("engine", [])
@@ -175,10 +206,10 @@ def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
-    """Paths of the files that rows of a scene name, in tables and in tables inside
-    them, by these names.
+    """Paths of the files of parts, of the files that rows of a scene name, in tables
+    and in tables inside them, and of its files of rules, by these names.
     """
-    paths: dict[str, Path] = {}
+    paths = part_files(content, folder)
 
     def walk(row: dict[str, Any]) -> None:
         paths.update({name: folder / name for name in _files_of_row(row).values()})
@@ -188,6 +219,9 @@ def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
                     walk(inner)
 
     walk({table: rows for table, rows in content.items() if table not in BESIDE})
+    head = content.get("scene")
+    rules = head.get("rules", ()) if isinstance(head, dict) else ()
+    paths.update({rule: folder / rule for rule in rules if rule.endswith(RULE_FILE)})
     return paths
 
 
@@ -268,9 +302,16 @@ def changed_scene(
                     for n, pair in zip(listed, numbers, strict=True)
                 ]
                 text.set("mesh", row, "stiffness_orders", orders)
+    rows_with_parts = with_parts(content, path, [])
     for (table, row, field), value in values.items():
         if (table, field) == ("disk", "inertia"):
             text.discard(table, row, "gd2")
+        if (
+            table in ("shaft", "damper")
+            and field in ("stiffness", "damping", "loss_factor")
+            and rows_with_parts[table][row].get("over_temperature")
+        ):
+            value = _at_reference(name, values, (table, row, field))
         # A law excludes the two numbers for which it stands: they are written out.
         if (
             table == "mesh"
@@ -286,6 +327,17 @@ def changed_scene(
     if comment:
         comment += text.newline
     return comment + str(text), _tables_beside(content, path.parent)
+
+
+def _at_reference(name: str | Path, values: Values, place: tuple[str, int, str]) -> Any:
+    """Value of a number of a link as a scene writes it, which is the one at which the
+    factors over temperature are 1.
+    """
+    (table, row, field) = place
+    links = load_scene(name).table(table)
+    temperature = values.get((table, row, "temperature"), links.temperature[row])
+    stiffer, damped = temperature_factors(links.over_temperature[row], temperature)
+    return float(values[place] / (stiffer if field == "stiffness" else damped))
 
 
 def elements_of(name: str | Path, values: Values | tuple[()] = ()) -> dict[str, Any]:
@@ -318,7 +370,7 @@ class Copies:
         if not self.names:
             return text
         changed = TomlText(text)
-        changed.rename(_CSV, self.names)
+        changed.rename((*_CSV, "files"), self.names)
         return str(changed)
 
 
@@ -330,12 +382,13 @@ def copies_beside(
 
     None is written over another file or outside of the folder: a table with a name such
     as ``../x.csv`` becomes ``x.csv``, unless its name leads to it from there, too.
+    Files of parts in the folder of the user are found from everywhere.
     """
     files: dict[str, bytes] = {}
     names: dict[str, str] = {}
     sources: dict[str, Path] = {}
     for name, source in beside.items():
-        if _leads_to(Path(folder) / name, source):
+        if is_shared(source) or _leads_to(Path(folder) / name, source):
             continue
         copied = name
         if not is_beside(Path(folder) / name, Path(folder)):

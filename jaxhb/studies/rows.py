@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxhb.design.quantities import QUANTITIES, Objective
 from jaxhb.elements.sentences import SceneError
-from jaxhb.linear.forced import forced_response
+from jaxhb.linear.heat import heat_balance
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
@@ -134,7 +134,7 @@ def _states(train: DriveTrain, piece: Piece, rpm: np.ndarray) -> Sequence[Steady
     accuracy = piece.accuracy
     responses: Response
     if accuracy.answers == "forced":
-        responses = forced_response(train, rpm=rpm, harmonics=accuracy.harmonics)
+        responses = heat_balance(train, rpm=rpm, harmonics=accuracy.harmonics)
     elif accuracy.answers == "orbit":
         responses = solve_speeds(
             train,

@@ -12,9 +12,19 @@ from functools import partial
 from typing import Any
 
 from jaxhb.elements import checks, derived, meshing
-from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, Damper, Head, Mesh, Shaft
+from jaxhb.elements.elements import (
+    OF_GEARS,
+    OF_PERIOD,
+    TACHOMETER,
+    Damper,
+    Head,
+    Mesh,
+    Shaft,
+)
 from jaxhb.elements.event_tables import EventSeat, seat_of
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.blades import with_blades
+from jaxhb.elements.rules.chosen import DEFAULT, Chosen, File, choose
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import field_errors, rounded, sound_orders
 from jaxhb.excitation.orders import harmonics_of
@@ -32,10 +42,14 @@ def build(
     reference: str | None = None,
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
+    temperature: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, Any]] | None = None,
     sequences: dict[str, dict[str, Any]] | None = None,
+    rules: Sequence[str | File] = DEFAULT,
+    tachometer_tolerance: float = TACHOMETER,
+    operating_rpm: Sequence[float] = (),
     source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
@@ -57,10 +71,15 @@ def build(
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over
         it.
+    temperature : float, optional
+        In deg C, of the elements with ``over_temperature`` that have none.
     tune, tolerance, scenarios, sequences : dict, optional
         The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for
         :meth:`DriveTrain.scenario`; ``{name: {"events": names, "begin": s}}`` of events
         that begin together, all later by ``begin``, 0 unless given.
+    rules, tachometer_tolerance, operating_rpm : optional
+        Names of the rules that judge the train, the tolerance of its tachometer as a
+        share of the rated speed, lowest and highest operating speed in rpm.
 
     Examples
     --------
@@ -79,10 +98,14 @@ def build(
         reference,
         revolutions_per_cycle,
         rated_rpm,
+        temperature=temperature,
         tune=tune,
         tolerance=tolerance,
         scenarios=scenarios,
         sequences=sequences,
+        rules=rules,
+        tachometer_tolerance=tachometer_tolerance,
+        operating_rpm=operating_rpm,
         source=source,
     )
 
@@ -94,10 +117,15 @@ def checked(
     cycle: Any,
     rated_rpm: Any,
     *,
+    temperature: Any = None,
     tune: Mapping[str, Any] | None,
     tolerance: Mapping[str, Any] | None,
+    report: Mapping[str, str] | None = None,
     scenarios: Any,
     sequences: Any = None,
+    rules: Sequence[str | File] = DEFAULT,
+    tachometer_tolerance: Any = TACHOMETER,
+    operating_rpm: Any = (),
     source: str,
     notes: tuple[str, ...] = (),
     findings: Iterable[str] = (),
@@ -111,6 +139,7 @@ def checked(
     where disks or rings may be among them. Every check runs on the sound part of the
     scene, and all sentences are raised together.
     """
+    elements = [_at_temperature(element, temperature) for element in elements]
     parts = checks.Parts(elements, source, complete=complete)
     errors = [
         *findings,
@@ -121,7 +150,19 @@ def checked(
     too_large = checks.size_errors(parts)
     if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
-    numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
+    try:
+        chosen = choose(rules)
+    except SceneError as error:
+        errors += [f"{source}, [scene]: rules: {text}" for text in error.sentences]
+        chosen = Chosen()
+    errors += checks.shaft_rule_errors(parts, chosen)
+    errors += checks.operating_errors(source, operating_rpm, chosen.names)
+    numbers = {
+        "revolutions_per_cycle": cycle,
+        "rated_rpm": rated_rpm,
+        "tachometer_tolerance": tachometer_tolerance,
+        "temperature": temperature,
+    }
     head_errors = []
     where = f"{source}, [scene]"
     for field in dataclasses.fields(Head):
@@ -142,6 +183,7 @@ def checked(
     root = main_disk if reference is not None or one_rotor else None
     radii = _exact_radii(parts)
     _expand_meshes(parts)
+    _expand_blades(parts)
     rotors, ratio, locked = _gearing(parts, root, radii)
     errors += consistency.loop_errors(parts, locked)
     if not head_errors:
@@ -172,6 +214,7 @@ def checked(
         "sequences": sequences,
         "tune": tune or {},
         "tolerance": tolerance or {},
+        "report": report or {},
     }
     head: dict[str, Any] = {
         key: json.dumps(table, default=str) for key, table in settings.items()
@@ -180,13 +223,39 @@ def checked(
         "name": name,
         "rated_rpm": None if rated_rpm is None else float(rated_rpm),
         "notes": notes,
+        "rules": chosen,
+        "tachometer_tolerance": float(tachometer_tolerance),
+        "operating_rpm": tuple(map(float, operating_rpm)),
     }
-    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     # Only now: nothing follows from keys with an error.
     for table in ("disk", *derived.LINKS):
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
+    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])
+
+
+def _expand_blades(parts: checks.Parts) -> None:
+    """Put harmonics in the place of the blades of sound loads and torques."""
+    for table in ("load", "torque"):
+        elements = parts.tables[table]
+        for i, element in enumerate(elements):
+            fields = [field.name for field in dataclasses.fields(element)]
+            if parts.usable(table, i, *fields):
+                elements[i] = with_blades(element)
+
+
+def _at_temperature(element: Any, temperature: Any) -> Any:
+    """An element with numbers over the temperature at its own, or that of the air
+    around it, or that of the scene.
+    """
+    if not isinstance(element, Shaft | Damper) or element.temperature is not None:
+        return element
+    if element.ambient is not None:
+        temperature = element.ambient
+    if temperature is None or not element.over_temperature:
+        return element
+    return dataclasses.replace(element, temperature=temperature)
 
 
 def _expand_meshes(parts: checks.Parts) -> None:
@@ -376,7 +445,7 @@ def _topology(
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
-        shaft_rules=tuple(shaft.rule for shaft in elements["shaft"]),
+        shaft_rules=tuple(shaft.rule or "" for shaft in elements["shaft"]),
         shaft_curves=tuple(
             (_curve(shaft.sn_curve), shaft.sn_source or "")
             for shaft in elements["shaft"]
@@ -411,9 +480,10 @@ def _topology(
         ),
         # They turn alike.
         phase_turn=tuple(rounded(ratio[disks[0]] * cycle) for disks in phased_disks),
-        link_keys=derived.link_keys(
+        link_keys=derived.present_keys(
             [link for table in derived.LINKS for link in elements[table]]
         ),
+        disk_keys=derived.present_keys(elements["disk"], derived.LIMITS_OF_DISKS),
         hz_links=tuple(i for i, link in enumerate(links) if link.over_hz),
         amplitude_links=tuple(i for i, link in enumerate(links) if link.over_amplitude),
         order_links=tuple(

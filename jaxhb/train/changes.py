@@ -544,6 +544,9 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
         return f"it has no effect on this load. Build the scene with {field}."
     if field in _OVER_RPM and not _rows_over_rpm(topology, table, field, index):
         return f"the {table} was built without {field}. Build the scene with it."
+    if field in derived.LIMITS_OF_DISKS:
+        is_limited = topology.disk_keys and field in topology.disk_keys[index]
+        return "" if is_limited else _built_without(table, field)
     if table not in derived.LINKS:
         return ""
     if (
@@ -564,20 +567,32 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
             "the stiffness comes from length, outer, inner and shear_modulus. Change"
             " these."
         )
+    share = next((key for key in derived.SHARES if topology.has_key(link, key)), "")
     if field == "damping" and topology.has_key(link, "damping_hz"):
-        source = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
-        return f"the damping comes from {source} and damping_hz. Change these."
+        return f"the damping comes from {share} and damping_hz. Change these."
+    if (field, share) == ("loss_factor", "relative_damping"):
+        return "the loss factor comes from relative_damping. Change that."
+    for over in ("over_hz", "over_torque"):
+        if topology.has_key(link, f"{field}_{over}"):
+            return (
+                f"the {field} comes from {field}_{over}. Change the rows in the scene."
+            )
     is_built_in = (
         link in getattr(topology, _VARYING[field])
         if field in _VARYING
         else topology.has_key(link, key)
     )
     if (field in _VARYING or key in derived.OPTIONAL) and not is_built_in:
-        return (
-            f"it has no effect, as the {table} was built without {key}. Build the scene"
-            " with it."
-        )
+        return _built_without(table, key)
     return ""
+
+
+def _built_without(table: str, key: str) -> str:
+    """Say that a key changes nothing, as an element was built without it."""
+    return (
+        f"it has no effect, as the {table} was built without {key}. Build the scene"
+        " with it."
+    )
 
 
 def _periods(topology: Topology, ratios: Array, index: int) -> float:

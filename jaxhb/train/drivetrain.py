@@ -15,7 +15,10 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
+from jaxhb.elements.rules.chosen import STRENGTH_KEYS, File, choose, lacking
+from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
+from jaxhb.elements.values import joined
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
 from jaxhb.train.tables import TrainArrays
@@ -54,6 +57,13 @@ class DriveTrain(TrainArrays):
     def tolerance(self) -> dict[str, Any]:
         """The ``[tolerance]`` table of the scene, untouched."""
         return json.loads(self.topology.tolerance)
+
+    @property
+    def report_units(self) -> dict[str, str]:
+        """Units in which reports show quantities, ``units`` of the ``[report]`` table
+        of the scene.
+        """
+        return json.loads(self.topology.report)
 
     def value(self, key: str) -> Any:
         """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or
@@ -226,6 +236,40 @@ class DriveTrain(TrainArrays):
         }
         return dataclasses.replace(train, topology=topology).replace(numbers)
 
+    def with_rules(self, *rules: str | File) -> DriveTrain:
+        """Return the train judged by rules before those of its scene: names, or
+        ``jaxhb.elements.rules.chosen.File`` objects.
+
+        The first one for shafts judges those that name none. :class:`SceneError` if
+        there is no such rule, or if a shaft lacks a number that it needs.
+
+        >>> train = jaxhb.load_scene("spur_pair").with_rules("KR generator shaft")
+        >>> train.topology.rules.default
+        'KR generator shaft'
+        """
+        topology = self.topology
+        chosen = topology.rules.with_first(choose(rules))
+        topology = dataclasses.replace(topology, rules=chosen)
+        errors = []
+        for shaft, name in enumerate(topology.shaft_names):
+            keys = topology.link_keys[shaft] if topology.link_keys else ()
+            rule = topology.rule_of(shaft)
+            missing = lacking(rule, keys)
+            if missing and "tensile_strength" in keys:
+                words = joined(STRENGTH_KEYS[key] for key in missing)
+                errors.append(
+                    f"[[shaft]] {shown(name)}: the limits of {rule.name} need {words}."
+                    " Give it."
+                )
+        if any(name in MARGINS for name in chosen.names) and not topology.operating_rpm:
+            errors.append(
+                "the rules of separation margins need operating_rpm = [lowest, highest]"
+                " in [scene]. Give the operating speeds of the reference rotor in rpm."
+            )
+        if errors:
+            raise SceneError(errors)
+        return dataclasses.replace(self, topology=topology)
+
     def without(self, *names: str) -> DriveTrain:
         """Return the train without elements, as with a clutch open (its shaft left out)
         or a pump taken off.
@@ -250,8 +294,9 @@ class DriveTrain(TrainArrays):
         The pressure of compression alone is told from a pressure table
         (``jaxhb.excitation.compression``), traces or the combustion model without heat.
         From a given ``gas_torque`` it cannot be told: all of that goes, as by
-        :meth:`cut_off`; :meth:`not_firing` says what holds. :class:`SceneError` if
-        there is no such cylinder.
+        :meth:`cut_off`; :meth:`not_firing` says what holds. A table of tangential
+        pressures has it in its rows at imep 0. :class:`SceneError` if there is no such
+        cylinder, or no such row.
 
         >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
         >>> train.topology.cylinders.fires
@@ -281,6 +326,8 @@ class DriveTrain(TrainArrays):
                     for name in unknown
                 ]
             )
+        if field == "fires":
+            omission.check_compressions(self, cylinders)
         flags = tuple(
             flag if name in cylinders else before
             for name, before in zip(seats.names, getattr(seats, field), strict=True)
@@ -329,8 +376,8 @@ class DriveTrain(TrainArrays):
         return omission.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
-        """Say where the pressure traces of cylinders do not cover a speed or its load,
-        so that the nearest is used.
+        """Say where the pressure traces or the tangential pressures of cylinders do not
+        cover a speed or its load, so that the nearest is used.
 
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same
         traces; empty where all is covered.

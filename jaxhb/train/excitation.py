@@ -227,8 +227,8 @@ def _excitation(
         disks = np.array(seats.disk, dtype=int)
         means = kind.means(numbers, seats, speed)
         torque = added(torque, (..., disks, 0), means)
-        turned = partial(_turned, train, [row[k] for row in topology.phase_members])
-        torque = kind.add_harmonics(torque, numbers, seats, speed, ratio[disks], turned)
+        turn = partial(turned, train, [row[k] for row in topology.phase_members])
+        torque = kind.add_harmonics(torque, numbers, seats, speed, ratio[disks], turn)
     # Power of the mean torques over the speed of the reference rotor: torque x speed
     # ratio, summed.
     power = torque[..., 0].real @ ratio
@@ -246,7 +246,7 @@ def _excitation(
     return torque, load_torque, torque[..., 0].real @ ratio
 
 
-def _turned(
+def turned(
     train: TrainArrays, members: Sequence[Sequence[int]], i: np.ndarray, n: np.ndarray
 ) -> Number:
     """Factor exp(-i n alpha / turn) of elements i at harmonics n of the cycle, over all

@@ -16,7 +16,7 @@ from jaxhb._jax import Array, traced
 from jaxhb.elements.derived import LINKS, link_number
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
-from jaxhb.excitation.tables import COMPUTED
+from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
 from jaxhb.train import connections
 from jaxhb.train.tables import with_table
 
@@ -168,7 +168,7 @@ def _topology(
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(topology):
         table, _, suffix = field.name.partition("_")
-        if table not in keep or field.name == "disk_names":
+        if table not in keep or field.name in ("disk_names", "disk_keys"):
             continue
         rows: list[Any] = [
             getattr(topology, field.name)[index] for index in keep[table]
@@ -188,6 +188,8 @@ def _topology(
                 for members in rows
             ]
         fields[field.name] = tuple(rows)
+    limited = topology.disk_keys
+    disk_keys = tuple(limited[disk] for disk in keep["disk"] if limited)
     fields["excitations"] = tuple(
         topology.seats_of(table).only(keep[table], place) for table in EXCITATIONS
     )
@@ -244,6 +246,7 @@ def _topology(
             if any(keys[link] for link in links if keys)
             else ()
         ),
+        disk_keys=disk_keys if any(disk_keys) else (),
     )
 
 
@@ -291,6 +294,12 @@ def _names_text(names: Sequence[str]) -> str:
     )
 
 
+def silent_cylinders(train: TrainArrays) -> tuple[str, ...]:
+    """Names of the cylinders without injection or without gas torque."""
+    names = train.topology.cylinder_names
+    return tuple(name for i, name in enumerate(names) if _computed(train, i))
+
+
 def is_cut_off(train: TrainArrays, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
     number = train.topology.cylinder_names.index(cylinder)
@@ -304,9 +313,28 @@ def _computed(train: TrainArrays, number: int) -> str:
         return CUT_OFF
     if cycles.fires[number] and not _is_zero(train.cylinders.injection, number):
         return ""
-    if cycles.source[number] in COMPUTED:
+    if cycles.source[number] in (*COMPUTED, TANGENTIAL):
         return COMPRESSING
     return NO_COMPRESSION if cycles.source[number] == "harmonics" else NOTHING
+
+
+def check_compressions(train: TrainArrays, cylinders: Sequence[str]) -> None:
+    """Refuse cylinders whose torque without injection nothing tells."""
+    seats = train.topology.cylinders
+    kind = EXCITATIONS["cylinder"]
+    texts = {
+        name: kind.without_effect(
+            train.cylinders, seats, "injection", seats.names.index(name)
+        )
+        for name in cylinders
+    }
+    errors = [
+        f"{train.topology.title}, misfire of {name!r}: {text}"
+        for name, text in texts.items()
+        if text
+    ]
+    if errors:
+        raise SceneError(errors)
 
 
 def _is_zero(values: Array | None, number: int) -> bool:

@@ -41,6 +41,7 @@ LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 ROWS = (
     "over_hz",
     "over_amplitude",
+    "over_temperature",
     "damping_over_rpm",
     "stiffness_over_rpm",
     "stages",
@@ -67,8 +68,9 @@ def vectors_of(element: type) -> Callable[[type], type]:
         ]
         may_be_none = (
             *derived.OPTIONAL,
+            *derived.LIMITS_OF_DISKS,
             *derived.WITH,
-            *(name for name in ROWS if not name.startswith("over_")),
+            *(name for name in ROWS if name not in ("over_hz", "over_amplitude")),
         )
         optional = [field.name for field in fields if field.name in may_be_none]
         required = [field.name for field in fields if field.name not in optional]
@@ -98,8 +100,8 @@ class Shafts(Vectors):
     """The numbers of a :class:`~jaxhb.Shaft`, each [n_shafts].
 
     ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness,
-    factor of damping; K is 0 where no shaft has such rows. ``stages`` and ``stops``
-    [n_shafts, K, 2]: deg, N m/rad.
+    factor of damping; K is 0 where no shaft has such rows. ``over_temperature``
+    likewise over deg C. ``stages`` and ``stops`` [n_shafts, K, 2]: deg, N m/rad.
     """
 
 

@@ -16,10 +16,12 @@ from typing import Any, cast
 import numpy as np
 
 from jaxhb._jax import Number
-from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES
+from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES, TACHOMETER
 from jaxhb.elements.event_tables import EventSeat
 from jaxhb.elements.excitations import EXCITATIONS, Seats
 from jaxhb.elements.excitations.cylinder import CylinderSeats
+from jaxhb.elements.rules import Rule
+from jaxhb.elements.rules.chosen import Chosen
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 
 
@@ -40,12 +42,16 @@ class Topology:
     are what acts beside the stiffness of shafts and dampers: (link, "clearance",
     "stages", "stops" or "friction", row). ``load_law`` names the law of each load over
     the speed, "over_rpm" with ``load_points`` rows, "" without one. ``events`` are
-    those of transients. ``shaft_rules`` name the limits of each shaft, ``shaft_curves``
+    those of transients. ``rules`` are those that the scene chooses, ``shaft_rules``
+    name the limits of each shaft, "" of one that names none, ``shaft_curves``
     are the rows of its S-N curve and their source. ``phase_members`` are the elements
     of each kind of excitation that each phase turns, ``phase_turn`` the harmonics of
     the cycle per order of their rotor. ``link_keys`` names for each link which of the
-    keys that may be absent it has; empty where no link has any.
-    ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
+    keys that may be absent it has, ``disk_keys`` for each disk of the scene which
+    limits; empty where none has any.
+    ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``,
+    ``tachometer_tolerance`` a share of it, ``operating_rpm`` the lowest and the highest
+    operating speed;
     ``notes`` are those of the scene.
 
     Its ``repr`` is whole: it makes keys of compiled programs and of stored sweeps.
@@ -93,13 +99,18 @@ class Topology:
     rpm_tables: tuple[tuple[str, str, int, int], ...] = ()
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
+    disk_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
+    rules: Chosen = Chosen()
+    tachometer_tolerance: float = TACHOMETER
+    operating_rpm: tuple[float, ...] = ()
     reference_disk: int = 0
     events: tuple[EventSeat, ...] = ()
     scenarios: str = "{}"
     sequences: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
+    report: str = "{}"
     notes: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
@@ -316,6 +327,19 @@ class Topology:
         """Pairs of disk indices of the links: shafts, dampers (disk, ring), meshes."""
         dampers = tuple(zip(self.damper_disk, self.ring_disks, strict=True))
         return self.shaft_ends + dampers + self.mesh_ends
+
+    def rule_of(self, shaft: int) -> Rule:
+        """Rule that judges a shaft."""
+        return self.rules.rules[self.shaft_rules[shaft] or self.rules.default]
+
+    @property
+    def warm_links(self) -> tuple[int, ...]:
+        """Shafts and dampers whose temperature follows from the heat that they give
+        off.
+        """
+        return tuple(
+            link for link, keys in enumerate(self.link_keys) if "surface" in keys
+        )
 
     def has_key(self, link: int, key: str) -> bool:
         """Tell whether a link was built with a key that no solve reads."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, Number, concrete, namespace, traced
+from jaxhb._jax import Array, Number, namespace, traced
+from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations import fourier
 from jaxhb.equations.state_space import Partition, loss_damping, state_space
@@ -37,33 +39,138 @@ from jaxhb.transients.timeline import Grid
 from jaxhb.transients.weights import (
     ForcedSpace,
     FreeRotation,
-    StepWeights,
     forced_space,
+    halvings,
     in_pairs,
-    step_weights,
+    stacked_weights,
 )
 
 MOST_DISKS = 600  # modes of more take minutes
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Frame:
+    """Numbers of a transient that are not differentiated, and what is fixed when its
+    set-up is compiled.
+
+    rpm : the middle speed; damping ``(S, S)`` N s/m of loss factors, or 0; ranges ``(P,
+    2)`` rpm of the panels of torques; lengths ``(K,)`` s of steps; parts : of the
+    disks; event_disks : of the events that are torques; clutches : links with clutches;
+    halved : times that A h / 2 is halved for its exponential; free : whether the speed
+    is; follows_loads : whether disks without inertia follow their loads at once.
+    """
+
+    rpm: float
+    damping: Number
+    ranges: np.ndarray
+    lengths: np.ndarray
+    parts: Partition = field(metadata={"static": True})
+    event_disks: tuple[int, ...] = field(metadata={"static": True})
+    clutches: tuple[int, ...] = field(metadata={"static": True})
+    halved: int = field(metadata={"static": True})
+    free: bool = field(metadata={"static": True})
+    follows_loads: bool = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SetUp:
+    """What the blocks of a transient share, events aside: the :class:`Marching`, the
+    :class:`Readings`, and coordinates ``(n, 2S)``, states of (x, x').
+    """
+
+    marching: Marching
+    readings: Readings
+    coordinates: Array
+
+
+@Program
+def set_up(
+    train: DriveTrain,
+    states: tuple[DriveTrain, ...],
+    idle_states: tuple[DriveTrain, ...],
+    frame: Frame,
+) -> SetUp:
+    """The :class:`SetUp` of a train in the states of its cylinders, with fuel and
+    without.
+    """
+    topology = train.topology
+    frequency = topology.cycle_frequency(1000.0)
+    fixed = at_speed(train, frame.rpm)
+    system = chain.assemble(fixed)
+    meshes = law_meshes(fixed)
+    every = all_meshes(fixed)
+    springs = springs_over_speed(topology)
+    clutches = np.array(frame.clutches, dtype=int)
+    columns = torques.load_columns(
+        fixed, system, every, np.array(frame.event_disks, dtype=int)
+    )
+    dense = state_space(system, meshes, frequency, frame.parts, frame.damping)
+    rows = springs.columns(system, clutches)
+    space = forced_space(system, frame.parts, dense, columns, rows)
+    if namespace(train) is np:
+        space = in_pairs(space, _free_rotation(train, system, space))
+    over_speed = springs.over_speed(train, frame.ranges)
+    errors = None
+    if every.error is not None:
+        errors = Errors(
+            every.error, every.law.stiffness, every.viscous, topology.law_index
+        )
+    marching = Marching(
+        weights=stacked_weights(space, frame.lengths, frame.halved),
+        observation=space.observation,
+        law=meshes.law,
+        viscous=meshes.viscous,
+        contact_damping=meshes.contact_damping,
+        variation=meshes.variation,
+        errors=errors,
+        varying=springs.varying(over_speed, system),
+        slipping=_slipping(system, clutches),
+        torques=torques.torque_table(
+            states,
+            idle_states,
+            frame.ranges,
+            excitation.listed_harmonic(topology, beside_lines=True),
+            free=frame.free,
+        ),
+        disturbance=None,
+        revolutions=float(topology.revolutions_per_cycle),
+        keeps_loads=frame.follows_loads,
+    )
+    disks = topology.n_disks
+    through = space.through if frame.follows_loads else space.through[:, :0]
+    readings = Readings(
+        displacement=space.motion[:disks],
+        velocity=space.motion[disks:],
+        displacement_of_loads=through[:disks],
+        velocity_of_loads=through[disks:],
+        radius=system.radius,
+        ratio=speed_ratios(train)[np.array(topology.rotor, dtype=int)],
+        ends=system.radius[system.tree.end_a],
+        bend=system.incidence().T,
+        stiffness=system.stiffness,
+        viscous=system.viscous,
+        meshes=meshes,
+        beside=None,
+        clutches=clutches,
+        links_over_speed=over_speed,
+    )
+    return SetUp(marching, readings, space.coordinates)
 
 
 @dataclass(frozen=True)
 class TransientEquations:
     """Equations of a train as a transient marches them.
 
-    values : the train with concrete numbers; fixed : as it is at the middle speed, of
-    which are at_hand, the equations of marches, system and space, in pairs of the host,
-    or dense where the train is traced; springs : that vary with the speed; highest_hz :
-    frequency that teeth notice; notes : on the numbers.
+    values : the train with concrete numbers; at_hand : the equations of marches at the
+    middle ``rpm`` of its speeds; notes : on the numbers.
     """
 
     train: DriveTrain
     values: DriveTrain
-    fixed: DriveTrain
     at_hand: Equations
-    system: System
-    space: ForcedSpace
-    springs: SpringsOverSpeed
-    highest_hz: float
+    rpm: float
     notes: tuple[str, ...]
 
     @classmethod
@@ -77,33 +184,18 @@ class TransientEquations:
                 f"{topology.title}: a transient takes trains of at most {MOST_DISKS}"
                 f" disks, and this one has {topology.n_disks}."
             )
-        middle = (plan.table.rpm.min() + plan.table.rpm.max()) / 2
-        fixed = at_speed(train, middle)
-        at_hand = Equations(at_speed(values, middle))
-        system = chain.assemble(fixed)
-        meshes = law_meshes(fixed)
-        springs = springs_over_speed(values, system)
+        rpm = float(plan.table.rpm.min() + plan.table.rpm.max()) / 2
+        at_hand = Equations(at_speed(values, rpm))
         lossy = bool(np.any(at_hand.system.loss))
         if lossy and traced(train):
             raise SceneError(
                 f"{topology.title}: derivatives of a transient take no loss factors:"
                 " apply train.with_viscous_damping(hz=...)."
             )
-        parts = at_hand.parts
-        frequency = topology.cycle_frequency(1000.0)
-        damping = loss_damping(at_hand.system) if lossy else 0.0
-        dense = state_space(system, meshes, frequency, parts, damping)
-        every = all_meshes(fixed)
-        disks = plan.course.torque_disks
-        columns = torques.load_columns(fixed, system, every, disks)
-        clutches = plan.course.clutch_links(values.topology)
-        rows = np.concatenate(
-            [springs.columns(system), system.incidence(clutches)], axis=1
-        )
-        _refuse_at_static(values.topology, parts, rows)
-        space = forced_space(system, parts, dense, columns, rows)
-        if not traced(train):
-            space = in_pairs(space, _free_rotation(train, system, space))
+        springs = springs_over_speed(topology)
+        clutches = plan.course.clutch_links(topology)
+        rows = np.asarray(springs.columns(at_hand.system, clutches))
+        _refuse_at_static(topology, at_hand.parts, rows)
         notes: list[str] = []
         if lossy:
             notes.append(
@@ -115,82 +207,65 @@ class TransientEquations:
                 "no load takes the torque of an acceleration: each disk is accelerated"
                 " by itself"
             )
-        highest = at_hand.highest_hz if len(at_hand.own) else 0.0
-        return cls(
-            train, values, fixed, at_hand, system, space, springs, highest, tuple(notes)
-        )
+        return cls(train, values, at_hand, rpm, tuple(notes))
 
     @property
-    def follows_loads(self) -> bool:
-        """Whether disks without inertia follow their loads at once."""
-        return bool(np.any(self.values.disks.inertia == 0))
+    def highest_hz(self) -> float:
+        """Frequency in Hz that teeth notice; 0 without teeth."""
+        return self.at_hand.highest_hz if len(self.at_hand.own) else 0.0
 
-    def marching(self, plan: Plan, steps: Grid) -> tuple[Marching, Readings]:
-        """The :class:`Marching` and the :class:`Readings`."""
-        train = self.train
-        topology = train.topology
-        xp = namespace(train)
-        meshes = law_meshes(self.fixed)
-        harmonics = excitation.listed_harmonic(topology, beside_lines=True)
-        weights = [step_weights(self.space, h) for h in steps.lengths]
-        stacked: StepWeights = jax.tree.map(lambda *rows: xp.stack(rows), *weights)
+    def set_up(self, plan: Plan, steps: Grid) -> SetUp:
+        """The :class:`SetUp`, in one program where the train is traced."""
+        course = plan.course
+        states = tuple(course.states(self.train))
+        idle_states = tuple(course.idle_states(self.train))
+        prepare = set_up if traced(self.train) else set_up.function
+        prepared = prepare(self.train, states, idle_states, self._frame(plan, steps))
+        marching = dataclasses.replace(
+            prepared.marching, disturbance=disturbance_of(self.train, course)
+        )
+        # Arrays of the host, which readers index by.
+        readings = dataclasses.replace(
+            prepared.readings,
+            beside=self.at_hand.beside,
+            clutches=course.clutch_links(self.values.topology),
+        )
+        return SetUp(marching, readings, prepared.coordinates)
+
+    def _frame(self, plan: Plan, steps: Grid) -> Frame:
+        """The :class:`Frame` of a transient."""
+        at_hand = self.at_hand
+        topology = self.values.topology
+        frequency = topology.cycle_frequency(1000.0)
         lowest = float(plan.table.rpm.min())
         highest = float(plan.table.rpm.max())
-        every = all_meshes(self.fixed)
-        ranges = torques.panels(self.values, lowest, highest)
-        over_speed = self.springs.over_speed(train, ranges)
-        errors = None
-        if every.error is not None:
-            errors = Errors(
-                every.error, every.law.stiffness, every.viscous, topology.law_index
+        # Few numbers of lengths and of halvings, so that few programs are compiled
+        count = len(steps.lengths)
+        places = np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)
+        halved = 0
+        if traced(self.train):
+            dense = state_space(
+                at_hand.system, at_hand.meshes, frequency, at_hand.parts
             )
-        marching = Marching(
-            weights=stacked,
-            observation=self.space.observation,
-            law=meshes.law,
-            viscous=meshes.viscous,
-            contact_damping=meshes.contact_damping,
-            variation=meshes.variation,
-            errors=errors,
-            varying=self.springs.varying(over_speed, self.system),
-            slipping=_slipping(self.system, plan.course.clutch_links(topology)),
-            torques=torques.torque_table(
-                plan.course.states(train),
-                plan.course.idle_states(train),
-                ranges,
-                harmonics,
-                free=plan.free,
-            ),
-            disturbance=disturbance_of(train, plan.course),
-            revolutions=float(topology.revolutions_per_cycle),
-            keeps_loads=self.follows_loads,
+            longest = dense.transition * (steps.lengths.max() / 2)
+            halved = 2 * -(-int(halvings(longest)) // 2)
+        return Frame(
+            rpm=self.rpm,
+            damping=loss_damping(at_hand.system),
+            ranges=torques.panels(self.values, lowest, highest),
+            lengths=steps.lengths[places],
+            parts=at_hand.parts,
+            event_disks=tuple(plan.course.torque_disks.tolist()),
+            clutches=tuple(plan.course.clutch_links(topology).tolist()),
+            halved=halved,
+            free=plan.free,
+            follows_loads=bool(np.any(self.values.disks.inertia == 0)),
         )
-        system = self.system
-        disks = topology.n_disks
-        rotor = np.array(topology.rotor, dtype=int)
-        through = self.space.through
-        if not self.follows_loads:
-            through = through[:, :0]
-        readings = Readings(
-            displacement=self.space.motion[:disks],
-            velocity=self.space.motion[disks:],
-            displacement_of_loads=through[:disks],
-            velocity_of_loads=through[disks:],
-            radius=system.radius,
-            ratio=speed_ratios(train)[rotor],
-            ends=system.radius[system.tree.end_a],
-            bend=system.incidence().T,
-            stiffness=system.stiffness,
-            viscous=system.viscous,
-            meshes=meshes,
-            beside=self.at_hand.beside,
-            clutches=plan.course.clutch_links(topology),
-            links_over_speed=over_speed,
-        )
-        return marching, readings
 
-    def begin(self, start: Any, plan: Plan) -> Array:
-        """State ``(n,)`` of the motion at 0 s."""
+    def begin(self, coordinates: Array, start: Any, plan: Plan) -> Array:
+        """State ``(n,)`` of the motion at 0 s, by the ``coordinates`` of a
+        :class:`SetUp`.
+        """
         first = float(plan.table.rpm[0])
         disks = self.train.topology.n_disks
         if start is None:
@@ -212,7 +287,7 @@ class TransientEquations:
             if start == "open":
                 velocity = -first * (np.pi / 30) * self._behind(plan.course)
             rest = np.zeros(disks)
-            return self.space.coordinates @ np.concatenate([rest, velocity])
+            return coordinates @ np.concatenate([rest, velocity])
         if isinstance(start, Response):
             motion = _motion(self.train, start)
         elif isinstance(start, SteadyState):
@@ -224,7 +299,7 @@ class TransientEquations:
                 f"transient: start has the shape {np.shape(motion)}, must be"
                 f" ({2 * disks},): displacements and velocities of {disks} disks."
             )
-        return self.space.coordinates @ motion
+        return coordinates @ motion
 
     def _behind(self, plan: Course) -> np.ndarray:
         """Displacements ``(S,)`` m per rad of the reference rotor of the disks that
@@ -340,20 +415,24 @@ class SpringsOverSpeed:
     links: np.ndarray
     disks: np.ndarray
 
-    def columns(self, system: System) -> Array:
-        """Deflections ``(S, V)`` per displacement of the disks."""
+    def columns(self, system: System, clutches: np.ndarray) -> Array:
+        """Deflections ``(S, V + C)`` per displacement of the disks, of links with
+        clutches behind the springs.
+        """
         xp = namespace(system)
         seats = np.eye(len(system.mass))[:, self.disks]
-        return xp.concatenate([system.incidence(self.links), seats], axis=1)
+        varying = system.incidence(self.links)
+        slipping = system.incidence(clutches)
+        return xp.concatenate([varying, seats, slipping], axis=1)
 
-    def over_speed(self, train: DriveTrain, ranges: np.ndarray) -> Varying | None:
+    def over_speed(self, train: DriveTrain, ranges: Array) -> Varying | None:
         """Stiffness and damping of all links and disks over panels ``(P, 2)`` rpm; None
         where nothing varies.
         """
         if not train.topology.depends_on_speed:
             return None
         xp = namespace(train)
-        nodes = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
+        nodes = torques.nodes_of(ranges)
 
         def at(rpm: Number) -> tuple[Array, Array]:
             return _springs_of(chain.assemble(train, rpm))
@@ -394,19 +473,18 @@ def _springs_of(system: System) -> tuple[Array, Array]:
     )
 
 
-def springs_over_speed(train: DriveTrain, system: System) -> SpringsOverSpeed:
+def springs_over_speed(topology: Topology) -> SpringsOverSpeed:
     """The :class:`SpringsOverSpeed` of a train; meshes that have a law are refused."""
-    topology = train.topology
     shafts = len(topology.shaft_names)
     meshes = len(topology.link_names) - len(topology.mesh_names)
     first = {"shaft": 0, "damper": shafts, "mesh": meshes}
     links = set(topology.order_links)
     disks = set()
-    for table, field, index, _ in topology.rpm_tables:
+    for table, key, index, _ in topology.rpm_tables:
         if table == "mesh" and topology.has_law[index]:
             raise SceneError(
                 f"{topology.title}: mesh {topology.mesh_names[index]!r} has"
-                f" {field}_over_rpm, and its teeth may part: a transient takes it"
+                f" {key}_over_rpm, and its teeth may part: a transient takes it"
                 " constant: train.with_constant_links(rpm=...)."
             )
         if table in first:
@@ -418,11 +496,11 @@ def springs_over_speed(train: DriveTrain, system: System) -> SpringsOverSpeed:
     )
 
 
-def _refuse_at_static(topology: Topology, parts: Partition, rows: Array) -> None:
+def _refuse_at_static(topology: Topology, parts: Partition, rows: np.ndarray) -> None:
     """Refuse springs that vary with the speed beside disks without inertia and
     damping.
     """
-    touched = np.any(np.asarray(concrete(rows)[0]) != 0, axis=1)
+    touched = np.any(rows != 0, axis=1)
     for disk in parts.static:
         if touched[disk]:
             raise SceneError(

@@ -5,8 +5,9 @@ Omega the speed of the reference rotor,
 
     J Omega' = sum_disks i T_0(Omega) + sum_loads i L(Omega) + sum_events i T(t, theta),
 
-integrated by the classical Runge-Kutta method from border to border of the blocks. What
-vibration takes from the mean rotation is left out.
+integrated by Gauss collocation from border to border of the blocks: the acceleration is
+a polynomial over the block, and obeys the equation at its nodes. What vibration takes
+from the mean rotation is left out.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Number
+from jaxhb._jax import Array, Number, concrete, traced
 from jaxhb._program import Program
-from jaxhb.elements.sentences import SceneError
+from jaxhb.elements.sentences import SceneError, shown
 from jaxhb.train import excitation
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
@@ -37,15 +38,19 @@ from jaxhb.transients.course import (
 )
 from jaxhb.transients.events import Disturbance
 from jaxhb.transients.timeline import (
-    INSIDE,
     STEPS,
+    Blocks,
+    Grid,
     SpeedTable,
     check_seconds,
+    from_nodes,
+    gauss_nodes,
     grid,
 )
 from jaxhb.transients.torques import TorqueTable, means
 
-FREE_STEPS = 2048  # of the first integration of a free speed
+FREE_BLOCKS = 2048  # of the first integration of a free speed
+SETTLED = 1e-9  # of begins in s, and of speeds as a share
 
 
 @jax.tree_util.register_dataclass
@@ -62,96 +67,115 @@ class MeanRotation:
     disturbance: Disturbance | None
 
 
-# Runge-Kutta steps of a block, without events and with torques or fuel of events that
-# may change as fast as its steps resolve: a multiple of 3.
-SUBSTEPS = 3
-SUBSTEPS_OF_EVENTS = 48
+# Nodes of a block, without events and with torques or fuel of events that may change as
+# fast as its steps resolve: two periods of a sine, of which 24 nodes see all but 1e-12.
+NODES = 3
+NODES_OF_EVENTS = 24
+# Fixed-point iterations of a block, each of which gains a factor of the block over the
+# time in which the speed settles, and the largest last change over the highest speed.
+ITERATIONS = 16
+CLOSE = 1e-9
 
 
-def _rate(
-    mean: MeanRotation,
-    seconds: Number,
-    omega: Number,
-    angle: Number,
-    mode: Array,
-    start_angles: Array,
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Rotation:
+    """Mean rotation over B blocks: angle rad and omega rad/s at their begins ``(B,)``,
+    acceleration rad/s2 at their Gauss nodes ``(B, s)``; change of the speed in rad/s in
+    the last iteration ``(B,)``.
+    """
+
+    angle: Array
+    omega: Array
+    acceleration: Array
+    change: Array
+
+
+def _rates(
+    mean: MeanRotation, seconds: Array, omega: Array, angle: Array, mode: Array
 ) -> Array:
-    """Angular acceleration in rad/s2 of the reference rotor."""
+    """Angular accelerations ``(s,)`` in rad/s2 of the reference rotor."""
     disturbance = mean.disturbance
-    if disturbance is None:
-        return means(mean.table, mode, omega, 1.0) @ mean.ratios / mean.inertia
-    now = jnp.asarray(seconds)[None]
-    factor = disturbance.fuel(now)[0]
-    torque = means(mean.table, mode, omega, factor) @ mean.ratios
-    begun = dataclasses.replace(disturbance, start_angles=start_angles)
-    of_events = begun.torque(now, jnp.asarray(angle)[None])[0]
-    return (torque + of_events @ mean.event_ratios) / mean.inertia
+    factor: Array = jnp.ones(len(seconds))
+    if disturbance is not None:
+        factor = disturbance.fuel(seconds)
+
+    def torque_at(omega: Array, factor: Array) -> Array:
+        return means(mean.table, mode, omega, factor) @ mean.ratios
+
+    torque = jax.vmap(torque_at)(omega, factor)
+    if disturbance is not None:
+        torque = torque + disturbance.torque(seconds, angle) @ mean.event_ratios
+    return torque / mean.inertia
 
 
 @Program
 def free_rotation(
     mean: MeanRotation, omega: Number, borders: Array, mode: Array, begins_at: Array
-) -> Array:
-    """Speeds ``(B, 4)`` rad/s at begin, thirds and end of blocks from a speed ``omega``
-    in rad/s on, with states ``(B,)`` of the cylinders.
+) -> Rotation:
+    """The :class:`Rotation` from a speed ``omega`` in rad/s on, with states ``(B,)`` of
+    the cylinders.
 
     borders ``(B + 1,)`` s; begins_at ``(E,)``: the block with which each torque begins,
     whose angle it counts from.
     """
     mean, borders, mode = jax.tree.map(jnp.asarray, (mean, borders, mode))
     begins_at = jnp.asarray(begins_at)
-    substeps = SUBSTEPS if mean.disturbance is None else SUBSTEPS_OF_EVENTS
+    count = NODES if mean.disturbance is None else NODES_OF_EVENTS
+    nodes = gauss_nodes(count)
+    to_speeds = from_nodes(count, nodes, 1)
+    to_angles = from_nodes(count, nodes, 2)
+    end = np.ones(1)
+    to_speed_at_end = from_nodes(count, end, 1)[:, 0]
+    to_angle_at_end = from_nodes(count, end, 2)[:, 0]
 
     def block(
         carry: tuple[jax.Array, jax.Array, jax.Array], row: Any
-    ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], Any]:
+    ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], Rotation]:
         omega, angle, starts = carry
         begin, duration, mode, number = row
         starts = jnp.where(begins_at == number, angle, starts)
+        begun = mean
+        if mean.disturbance is not None:
+            disturbance = dataclasses.replace(mean.disturbance, start_angles=starts)
+            begun = dataclasses.replace(mean, disturbance=disturbance)
+        seconds = begin + nodes * duration
 
-        def slope(share: Number, omega: Array, angle: Array) -> Array:
-            inside = jnp.clip(share, INSIDE, 1 - INSIDE)
-            seconds = begin + inside * duration
-            return _rate(mean, seconds, omega, angle, mode, starts)
+        def again(acceleration: Array) -> Array:
+            speeds = omega + duration * (acceleration @ to_speeds)
+            gained = duration * (acceleration @ to_angles)
+            angles = angle + duration * (nodes * omega + gained)
+            return _rates(begun, seconds, speeds, angles, mode)
 
-        def substep(k: Array, values: tuple[Array, Array]) -> tuple[Array, Array]:
-            omega, angle = values
-            share = k / substeps
-            h = duration / substeps
-            first = slope(share, omega, angle)
-            second_omega = omega + h / 2 * first
-            middle = share + 0.5 / substeps
-            second = slope(middle, second_omega, angle + h / 2 * omega)
-            third_omega = omega + h / 2 * second
-            third = slope(middle, third_omega, angle + h / 2 * second_omega)
-            fourth_omega = omega + h * third
-            end = share + 1 / substeps
-            fourth = slope(end, fourth_omega, angle + h * third_omega)
-            turned = omega + h / 6 * (first + second + third)
-            change = h / 6 * (first + 2 * second + 2 * third + fourth)
-            return omega + change, angle + h * turned
-
-        at_thirds = [omega]
-        for part in range(3):
-            steps = (part * substeps // 3, (part + 1) * substeps // 3)
-            omega, angle = lax.fori_loop(*steps, substep, (omega, angle))
-            at_thirds.append(omega)
-        return (omega, angle, starts), jnp.stack(at_thirds)
+        before = lax.fori_loop(
+            0, ITERATIONS, lambda _, values: again(values), jnp.zeros(count)
+        )
+        acceleration = again(before)
+        change = duration * jnp.max(jnp.abs(acceleration - before))
+        rotation = Rotation(angle, omega, acceleration, change)
+        gained = duration * (acceleration @ to_angle_at_end)
+        angle = angle + duration * (omega + gained)
+        omega = omega + duration * (acceleration @ to_speed_at_end)
+        return (omega, angle, starts), rotation
 
     rows = (borders[:-1], jnp.diff(borders), mode, jnp.arange(len(mode)))
     omega = jnp.asarray(omega, dtype=float)
-    begin = (omega, jnp.zeros(()), jnp.full(len(begins_at), jnp.inf))
-    _, speeds = lax.scan(block, begin, rows)
-    return speeds
+    first = (omega, jnp.zeros(()), jnp.full(len(begins_at), jnp.inf))
+    # Backwards a block is integrated again, so that its iterations are not kept.
+    _, rotation = lax.scan(jax.checkpoint(block), first, rows)
+    return rotation
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Speed of a transient, of a ``free`` one about, and its :class:`Course`."""
+    """Speed of a transient, of a ``free`` one about, its :class:`Course`, and notes on
+    both.
+    """
 
     table: SpeedTable
     course: Course
     free: bool
+    notes: tuple[str, ...] = ()
 
 
 def free_plan(
@@ -160,6 +184,7 @@ def free_plan(
     speed: str,
     rpm: float | None,
     listed: list[Occurrence],
+    refine: int,
 ) -> Plan:
     """The :class:`Plan` of a free speed: integrated again until events that begin at
     angles and speeds stand still.
@@ -195,36 +220,58 @@ def free_plan(
     table = SpeedTable(np.array([0.0, seconds]), np.array([rpm, rpm]))
     highest = 2.0 * max(rpm, *known_speeds(values), 1.0)
     plan = Plan(table, course(values, listed, table), free=True)
+    longest = seconds / FREE_BLOCKS / STEPS / refine
+    torque_table = _torque_table(values, plan.course, highest)
     for _ in range(4 + 2 * len(listed)):
-        after = _free_again(values, plan, seconds, rpm, highest)
-        settled = np.allclose(
-            after.table.rpm[[0, -1]], plan.table.rpm[[0, -1]], rtol=1e-9
-        ) and np.allclose(after.course.begins, plan.course.begins, atol=1e-9)
+        after = _free_again(values, plan, torque_table, seconds, longest, rpm, highest)
+        if after.course.numbers != plan.course.numbers:
+            torque_table = _torque_table(values, after.course, highest)
+        moving = ~np.isclose(
+            after.course.begins, plan.course.begins, rtol=0.0, atol=SETTLED
+        )
+        ends = after.table.rpm[[0, -1]], plan.table.rpm[[0, -1]]
         plan = after
-        if settled:
-            break
-    return plan
+        if not moving.any() and np.allclose(*ends, rtol=SETTLED):
+            return plan
+    names = [listed[place].name for place in np.flatnonzero(moving)]
+    which = ", ".join(shown(name) for name in names) or "changes of torques"
+    return dataclasses.replace(
+        plan,
+        notes=(
+            f"at free speed the begins of {which} did not settle: each integration of"
+            " the speed moves them, so that they are uncertain",
+        ),
+    )
 
 
-def _free_again(
-    values: DriveTrain, plan: Plan, seconds: float, rpm: float, highest: float
-) -> Plan:
-    """The plan with the speed that follows from its course."""
-    corners = event_corners(values, plan.course, plan.table, seconds)
-    steps = grid(seconds, corners, seconds / FREE_STEPS / STEPS, slowest=0.0)
-    present = plan.course
-    table = torques.torque_table(
+def _torque_table(values: DriveTrain, present: Course, highest: float) -> TorqueTable:
+    """Mean torques of a course up to a speed in rpm."""
+    return torques.torque_table(
         present.states(values),
         present.idle_states(values),
         torques.panels(values, 0.0, highest),
         1,
         free=True,
     )
-    disturbance = disturbance_of(values, present)
-    mean = mean_rotation(values, present, table, disturbance)
-    mode = plan.course.mode(steps.begin)
-    omega = np.asarray(rotated(mean, rpm, steps.borders, mode, plan.course))
-    speeds = np.append(omega[:, 0], omega[-1, -1]) * (30 / np.pi)
+
+
+def _free_again(
+    values: DriveTrain,
+    plan: Plan,
+    table: TorqueTable,
+    seconds: float,
+    longest: float,
+    rpm: float,
+    highest: float,
+) -> Plan:
+    """The plan with the speed that follows from its course."""
+    corners = event_corners(values, plan.course, plan.table, seconds)
+    steps = grid(seconds, corners, longest)
+    disturbance = disturbance_of(values, plan.course)
+    mean = mean_rotation(values, plan.course, table, disturbance)
+    blocks = free_blocks(mean, rpm, steps, plan.course)
+    omega = np.append(blocks.omega, blocks.speeds(np.ones(1))[-1])
+    speeds = np.asarray(omega) * (30 / np.pi)
     title = values.topology.title
     # Where speeds turn negative torques have no law: what follows means nothing.
     stopped = np.append(np.flatnonzero(speeds < 0), len(speeds))[0]
@@ -273,20 +320,42 @@ def mean_rotation(
     )
 
 
-def rotated(
-    mean: MeanRotation,
-    rpm: float,
-    borders: np.ndarray,
-    mode: np.ndarray,
-    plan: Course,
-) -> Array:
-    """Speeds ``(B, 4)`` rad/s at begin, thirds and end of blocks between borders ``(B +
-    1,)`` s.
-    """
-    count = len(mode)
+def free_blocks(mean: MeanRotation, rpm: float, steps: Grid, plan: Course) -> Blocks:
+    """The :class:`Blocks` of the free speed from ``rpm`` on."""
+    count = len(steps.begin)
+    mode = plan.mode(steps.begin)
     # Few lengths, so that few programs are compiled
     room = 1 << int(np.ceil(np.log2(count)))
-    longer = np.append(borders, np.full(room - count, borders[-1]))
+    borders = np.append(steps.borders, np.full(room - count, steps.borders[-1]))
     modes = np.append(mode, np.full(room - count, mode[-1]))
-    begins_at = np.searchsorted(borders, plan.torque_begins - 1e-9)
-    return free_rotation(mean, rpm * np.pi / 30, longer, modes, begins_at)[:count]
+    begins_at = np.searchsorted(steps.borders, plan.torque_begins - 1e-9)
+    rotation = free_rotation(mean, rpm * np.pi / 30, borders, modes, begins_at)
+    rotation = jax.tree.map(lambda values: values[:count], rotation)
+    _check_iterations(rotation, steps, float(mean.table.omega[-1, -1]))
+    if not traced(rotation):
+        rotation = jax.tree.map(np.asarray, rotation)
+    return Blocks(
+        begin=steps.begin,
+        step=steps.step,
+        kind=steps.kind,
+        mode=mode,
+        angle=rotation.angle,
+        omega=rotation.omega,
+        acceleration=rotation.acceleration,
+    )
+
+
+def _check_iterations(rotation: Rotation, steps: Grid, highest: float) -> None:
+    """Refuse blocks whose iterations have not converged at speeds in rad/s from 0 to
+    the ``highest``; beyond, the train has run away or has stopped.
+    """
+    omega, change = concrete(rotation.omega, rotation.change)
+    inside = (np.asarray(omega) >= 0) & (np.asarray(omega) <= highest)
+    failed = np.flatnonzero(inside & ~(np.asarray(change) <= CLOSE * highest))
+    if len(failed):
+        first = failed[0]
+        raise SceneError(
+            "transient: at free speed the mean torques change too fast after"
+            f" {steps.begin[first]:.3g} s for blocks of {STEPS} steps of"
+            f" {steps.step[first]:.2g} s: ask for shorter ones by a greater refine."
+        )

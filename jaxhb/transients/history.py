@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb._jax import Array, concrete, namespace, refuse_tracers
+from jaxhb._program import Program
 from jaxhb._shown import number
 from jaxhb.equations import fourier
 
@@ -163,17 +165,11 @@ class History:
         """Differentiable peak, the p-norm over the time, ``(1/T int |x|^p dt)^(1/p)``
         by trapezia: below the peak, by less the longer it lasts.
         """
-        xp = namespace(self.values)
         steps = np.diff(self.time)
         shares = np.concatenate([steps, [0.0]]) + np.concatenate([[0.0], steps])
         weights = shares / (2 * (self.time[-1] - self.time[0]))
-        size = xp.abs(self.values)
-        largest = concrete(size.max())[0]
-        scale = xp.where(largest > 0, largest, 1.0)
-        total = (weights * (size / scale) ** p).sum()
-        # 0 of a signal that is 0, without a derivative of infinity
-        safe = xp.where(total > 0, total, 1.0)
-        return scale * xp.where(total > 0, safe ** (1 / p), 0.0)
+        norm = _norm.function if namespace(self.values) is np else _norm
+        return norm(self.values, weights, p)
 
     def at(self, seconds: float | Array) -> Array:
         """Values at instants in s, on cubics through four neighbours."""
@@ -283,6 +279,19 @@ class History:
             orders=orders[shown],
             amplitudes=(np.abs(spectrum) * one_sided)[:, shown],
         )
+
+
+@partial(Program, static_argnames="p")
+def _norm(values: Array, weights: Array, p: float) -> Array:
+    """The p-norm of values ``(n,)`` with weights ``(n,)``."""
+    xp = namespace(values)
+    size = xp.abs(values)
+    largest = concrete(size.max())[0]
+    scale = xp.where(largest > 0, largest, 1.0)
+    total = (weights * (size / scale) ** p).sum()
+    # 0 of a signal that is 0, without a derivative of infinity
+    safe = xp.where(total > 0, total, 1.0)
+    return scale * xp.where(total > 0, safe ** (1 / p), 0.0)
 
 
 def vertices(values: Array) -> Array:

@@ -9,6 +9,7 @@ Krogstad's scheme (:mod:`jaxhb.integration.step`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -33,9 +34,6 @@ from jaxhb.transients.weights import StepWeights
 
 # Half steps of a block as shares of its time
 SHARES = np.clip(np.arange(2 * STEPS + 1) / (2 * STEPS), INSIDE, 1 - INSIDE)
-ENDS = np.array([INSIDE, 0.5, 1 - INSIDE])
-# Harmonics up to which powers are made by products, a line of the program each
-MOST_POWERS = 64
 
 
 @jax.tree_util.register_dataclass
@@ -148,7 +146,7 @@ class Marching:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marched:
-    """Steps of blocks ``(B, STEPS, ...)``, each at its end: states ``(n,)``, loads
+    """Some steps of blocks ``(B, steps, ...)``, each at its end: states ``(n,)``, loads
     ``(C,)`` or none; teeth : deflections and rates of meshes, springs and clutches, and
     forces of clutches in N.
     """
@@ -167,82 +165,97 @@ class Instant:
     slip: Array
 
 
-@Program
+@partial(Program, static_argnames="stride")
 def march(
-    marching: Marching, begin: Instant, blocks: Blocks
+    marching: Marching, begin: Instant, blocks: Blocks, stride: int = 1
 ) -> tuple[Instant, Marched]:
     """March from an instant through blocks: the instant at the end, and the
-    :class:`Marched`.
+    :class:`Marched` of every ``stride``-th step.
     """
     marching, begin, blocks = jax.tree.map(jnp.asarray, (marching, begin, blocks))
 
     def block(instant: Instant, one_block: Blocks) -> tuple[Instant, Marched]:
-        return _block(marching, instant, one_block)
+        after, marched = _block(marching, instant, one_block)
+        return after, jax.tree.map(lambda rows: rows[stride - 1 :: stride], marched)
 
     # Backwards a block is marched again, so that its steps are not kept.
     return lax.scan(jax.checkpoint(block), begin, blocks)
 
 
 def _turning(angle: Array, harmonics: int) -> Array:
-    """Powers 0 to N ``(n, N+1)`` of exp(i angle), angle ``(n,)`` rad."""
-    if harmonics > MOST_POWERS:
-        return jnp.exp(1j * angle[:, None] * np.arange(harmonics + 1))
+    """Real and imaginary part ``(2, N+1, n)`` of the powers 0 to N of exp(i angle),
+    angle ``(n,)`` rad.
+    """
     turn = jnp.exp(1j * angle)
-    powers = [jnp.ones_like(turn), turn]
+    powers = jnp.stack([jnp.ones_like(turn), turn])
     while len(powers) <= harmonics:
-        half = len(powers) // 2
-        powers.append(powers[half] * powers[len(powers) - half])
-    return jnp.stack(powers[: harmonics + 1], axis=1)
+        # Without barriers every power is computed from the first one anew.
+        powers = lax.optimization_barrier(powers)
+        powers = jnp.concatenate([powers, powers * (powers[-1] * turn)])
+    return lax.optimization_barrier(_parts(powers[: harmonics + 1]))
+
+
+def _parts(numbers: Array) -> Array:
+    """Real and imaginary part ``(2, ...)`` of complex numbers."""
+    return jnp.stack([numbers.real, numbers.imag])
+
+
+def _real(coefficients: Array) -> Array:
+    """Weights ``(..., D, 2 (N+1))`` of the rows of :func:`_turning` in the values of
+    coefficients ``(..., D, N+1)``.
+    """
+    counts = np.where(np.arange(coefficients.shape[-1]) > 0, 2.0, 1.0)
+    turned = counts * coefficients
+    return jnp.concatenate([turned.real, -turned.imag], axis=-1)
 
 
 def _values(turning: Array, coefficients: Array) -> Array:
-    """Values ``(n, D)`` of coefficients ``(D, N+1)`` at angles ``(n,)``."""
-    counts = np.where(np.arange(coefficients.shape[1]) > 0, 2.0, 1.0)
-    turned = counts * coefficients
+    """Values ``(D, n)`` of coefficients ``(D, N+1)`` at angles ``(n,)``, by their
+    :func:`_turning`.
+    """
     turning = turning[:, : coefficients.shape[1]]
-    return turning.real @ turned.real.T - turning.imag @ turned.imag.T
+    return _real(coefficients) @ turning.reshape(-1, turning.shape[2])
 
 
 def _torques(
     marching: Marching, block: Blocks, turning: Array, acceleration: Array
 ) -> Array:
-    """Torques ``(n, D)`` N m of the excited disks at the half steps of a block."""
+    """Torques ``(D, n)`` N m of the excited disks at the half steps of a block."""
     table = marching.torques
     seconds = block.begin + SHARES * block.duration
-    at_lines = jnp.exp(2j * jnp.pi * seconds[:, None] * table.hz)
-    turning = jnp.concatenate([turning[:, : table.highest + 1], at_lines], axis=1)
-    omega = block.speeds(ENDS)
-    panel = panel_of(table.omega, omega[1])
-
-    def nodes(harmonics: Array) -> Array:
-        return jnp.stack(parabola(*harmonics[block.mode, panel]))
-
-    powers = powers_in_panel(table.omega, panel, omega) + 0j
+    turning = turning[:, : table.highest + 1]
+    if len(table.hz):
+        at_lines = jnp.exp(2j * jnp.pi * seconds * table.hz[:, None])
+        turning = jnp.concatenate([turning, _parts(at_lines)], axis=1)
+    omega = block.speeds(SHARES)
+    panel = panel_of(table.omega, omega[STEPS])
+    powers = powers_in_panel(table.omega, panel, omega).T
 
     def at_times(harmonics: Array) -> Array:
-        return jnp.einsum("tk,kdn->tdn", powers, nodes(harmonics))
+        # The torques of a panel are parabolas over the speed, those that balance the
+        # acceleration are constant: at free speed there are none.
+        nodes = _real(harmonics[block.mode, panel])
+        constant, linear, square = parabola(nodes[0], nodes[1], nodes[2])
+        constant = constant + acceleration[STEPS] * _real(table.accelerating)
+        over_speed = jnp.concatenate([constant, linear, square])
+        values = over_speed @ turning.reshape(-1, turning.shape[2])
+        constant, linear, square = jnp.split(values, 3)
+        return constant + powers[1] * linear + powers[2] * square
 
-    factor: Array = jnp.ones(len(ENDS))
+    factor: Array = jnp.ones(1)
     if marching.disturbance is not None:
-        factor = marching.disturbance.fuel(block.begin + ENDS * block.duration)
-    harmonics = fuelled(table, at_times, factor[:, None, None])
-    at_ends = acceleration[np.array([0, STEPS, -1]), None, None]
-    harmonics = harmonics + at_ends * table.accelerating
-    over_time = parabola(harmonics[0], harmonics[1], harmonics[2])
-    values = _values(turning, jnp.concatenate(over_time))
-    constant, linear, square = jnp.split(values, 3, axis=1)
-    shares = SHARES[:, None]
-    return constant + shares * (linear + shares * square)
+        factor = marching.disturbance.fuel(seconds)
+    return fuelled(table, at_times, factor)
 
 
 def _errors(errors: Errors, turning: Array, rate: Array) -> tuple[Array, Array]:
-    """Transmission errors ``(n, R)`` m and their rates ``(n, R)`` m/s, as the cycle
+    """Transmission errors ``(R, n)`` m and their rates ``(R, n)`` m/s, as the cycle
     turns at ``rate`` ``(n,)`` rad/s.
     """
     harmonic = np.arange(errors.coefficients.shape[1])
     error = _values(turning, errors.coefficients)
     by_angle = _values(turning, 1j * harmonic * errors.coefficients)
-    return error, by_angle * rate[:, None]
+    return error, by_angle * rate
 
 
 @jax.tree_util.register_dataclass
@@ -264,16 +277,21 @@ class _Steps:
 
 
 def _at_steps(values: Array) -> tuple[Array, Array, Array]:
-    """Values ``(STEPS, ...)`` at begin, middle and end of the steps, of those at half
+    """Values ``(..., STEPS)`` at begin, middle and end of the steps, of those at half
     steps.
     """
-    return values[:-1:2], values[1::2], values[2::2]
+    return values[:, :-1:2], values[:, 1::2], values[:, 2::2]
+
+
+def _of_steps(values: Array) -> Array:
+    """The same ``(STEPS, 3, ...)``, steps first."""
+    return jnp.stack(_at_steps(values)).transpose(2, 0, 1)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class _HalfSteps:
-    """Numbers at the half steps of a block, ``(2 STEPS + 1, ...)``: loads ``(C,)``,
+    """Numbers at the half steps of a block, ``(..., 2 STEPS + 1)``: loads ``(C,)``,
     transmission errors and their rates ``(2 (G + V),)`` of the meshes that have a law,
     their stiffness over its mean, less 1, ``(G,)``, and stiffness and damping of the
     springs that vary with the speed ``(2V,)``; None where there are none; capacity
@@ -299,47 +317,42 @@ def _half_steps(marching: Marching, block: Blocks) -> _HalfSteps:
     turning = _turning(angle, max(highest))
     loads = [
         _torques(marching, block, turning, acceleration),
-        acceleration[:, None],
+        acceleration[None],
     ]
     if marching.disturbance is not None:
         seconds = block.begin + SHARES * block.duration
-        loads.append(marching.disturbance.torque(seconds, block.angles(SHARES)))
+        loads.append(marching.disturbance.torque(seconds, block.angles(SHARES)).T)
     shift = None
     variation = None
     if marching.errors is not None:
         errors = marching.errors
         rate = block.speeds(SHARES) / marching.revolutions
         error, error_rate = _errors(errors, turning, rate)
-        loads.append(error * errors.stiffness + error_rate * errors.viscous)
-        others = marching.springs + marching.clutches
-        springs_at_rest = jnp.zeros((len(SHARES), others))
+        stiffness = errors.stiffness[:, None]
+        loads.append(error * stiffness + error_rate * errors.viscous[:, None])
+        without_error = marching.springs + marching.clutches
+        at_rest = jnp.zeros((without_error, len(SHARES)))
         shift = jnp.concatenate(
-            [
-                error[:, errors.places],
-                springs_at_rest,
-                error_rate[:, errors.places],
-                springs_at_rest,
-            ],
-            axis=1,
+            [error[errors.places], at_rest, error_rate[errors.places], at_rest]
         )
     if marching.variation is not None:
         variation = _values(turning, marching.variation)
     springs = None
     if marching.varying is not None:
-        springs = jnp.concatenate(marching.varying.at(block.speeds(SHARES)), axis=1)
+        over_time = marching.varying.at(block.speeds(SHARES))
+        springs = jnp.concatenate(over_time, axis=1).T
     capacity = None
     if marching.slipping is not None and marching.disturbance is not None:
         seconds = block.begin + SHARES * block.duration
         torque = marching.disturbance.capacity(seconds)
-        capacity = torque / marching.slipping.radius
-    every_load = jnp.concatenate(loads, axis=1)
-    return _HalfSteps(every_load, shift, variation, springs, capacity)
+        capacity = (torque / marching.slipping.radius).T
+    return _HalfSteps(jnp.concatenate(loads), shift, variation, springs, capacity)
 
 
 def _teeth(marching: Marching, state: Array, half_steps: _HalfSteps) -> Array:
     """Deflections and rates ``(2G,)`` of the meshes at the begin of a block."""
     teeth = marching.observation @ state
-    return teeth if half_steps.shift is None else teeth - half_steps.shift[0]
+    return teeth if half_steps.shift is None else teeth - half_steps.shift[:, 0]
 
 
 @Program
@@ -355,10 +368,10 @@ def first_instant(
     slip: Array = jnp.zeros(marching.clutches)
     carried = slip
     if marching.slipping is not None and half_steps.capacity is not None:
-        numbers = half_steps.capacity[0], *_of_clutches(marching, w)
+        numbers = half_steps.capacity[:, 0], *_of_clutches(marching, w)
         slip = marching.slipping.slip(numbers[0], slip, *numbers[1:])
         carried = marching.slipping.force(numbers[0], slip, *numbers[1:])
-    loads = _kept_loads(marching, half_steps.loads[0])
+    loads = _recorded_loads(marching, half_steps.loads[:, 0])
     teeth = jnp.concatenate([w, carried])
     marched = Marched(state[None, None], loads[None, None], teeth[None, None])
     return Instant(state, slip), marched
@@ -371,7 +384,7 @@ def _of_clutches(marching: Marching, w: Array) -> tuple[Array, Array]:
     return deflection[first:], rate[first:]
 
 
-def _kept_loads(marching: Marching, loads: Array) -> Array:
+def _recorded_loads(marching: Marching, loads: Array) -> Array:
     """Loads ``(..., C)`` where they are part of the result, else ``(..., 0)``."""
     return loads if marching.keeps_loads else loads[..., :0]
 
@@ -381,23 +394,23 @@ def _block(
 ) -> tuple[Instant, Marched]:
     """The instant after a block and its :class:`Marched`."""
     half_steps = _half_steps(marching, block)
-    of_steps = jnp.concatenate(_at_steps(half_steps.loads), axis=1)
+    of_steps = jnp.concatenate(_at_steps(half_steps.loads)).T
     weights = jax.tree.map(lambda values: values[block.kind], marching.weights)
     middle = of_steps @ weights.load_middle
     end = of_steps @ weights.load_next
     variation = None
     if half_steps.shift is not None:
         _, shift_middle, shift_end = _at_steps(half_steps.shift)
-        middle = middle - shift_middle
-        end = end - shift_end
+        middle = middle - shift_middle.T
+        end = end - shift_end.T
     if half_steps.variation is not None:
-        variation = jnp.stack(_at_steps(half_steps.variation), axis=1)
+        variation = _of_steps(half_steps.variation)
     springs = None
     if half_steps.springs is not None:
-        springs = jnp.stack(_at_steps(half_steps.springs), axis=1)
+        springs = _of_steps(half_steps.springs)
     capacity = None
     if half_steps.capacity is not None:
-        capacity = jnp.stack(_at_steps(half_steps.capacity), axis=1)
+        capacity = _of_steps(half_steps.capacity)
     steps = _Steps(
         of_steps @ weights.load_state, middle, end, variation, springs, capacity
     )
@@ -418,7 +431,7 @@ def _block(
 
     begin = instant, _teeth(marching, instant.state, half_steps)
     (instant, _), (states, teeth) = lax.scan(step, begin, steps)
-    loads = _kept_loads(marching, half_steps.loads[2::2])
+    loads = _recorded_loads(marching, half_steps.loads[:, 2::2].T)
     return instant, Marched(states, loads, teeth)
 
 

@@ -88,6 +88,21 @@ class Readings:
     clutches: np.ndarray
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class States:
+    """States ``(n,)`` of all instants, in parts ``(instants, n)`` as they were marched:
+    joined they would be copied.
+    """
+
+    parts: tuple[Array, ...]
+
+    def times(self, row: Array) -> Array:
+        """Products ``(instants,)`` with a row ``(n,)``."""
+        products = [part @ row for part in self.parts]
+        return namespace(products).concatenate(products)
+
+
 @by_value
 @dataclass(frozen=True, repr=False)
 class Transient(Motion[History, ToothContact, Array]):
@@ -109,7 +124,7 @@ class Transient(Motion[History, ToothContact, Array]):
     time: Array = field(repr=False)
     rpm: Array = field(repr=False)
     angle: Array = field(repr=False)
-    states: Array = field(repr=False)
+    states: States = field(repr=False)
     loads: Array = field(repr=False)
     teeth: Array = field(repr=False)
     readings: Readings = field(repr=False)
@@ -237,9 +252,9 @@ class Transient(Motion[History, ToothContact, Array]):
     def _displacements(self, rows: Array) -> tuple[Array, Array]:
         """Values ``(n,)`` of a row ``(S,)`` of the displacements, and their rates."""
         readings = self.readings
-        values = self.states @ (rows @ readings.displacement)
+        values = self.states.times(rows @ readings.displacement)
         values = values + self.loads @ (rows @ readings.displacement_of_loads)
-        rates = self.states @ (rows @ readings.velocity)
+        rates = self.states.times(rows @ readings.velocity)
         rates = rates + self.loads @ (rows @ readings.velocity_of_loads)
         return values, rates
 

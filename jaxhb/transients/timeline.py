@@ -1,8 +1,8 @@
 """Time of a transient: the speed of the mean rotation, and blocks of equal steps.
 
-Every block has :data:`STEPS` steps. Its speed is a cubic over its time, exact where the
-speed is given as a table; borders of blocks lie at all corners: of the speed, of the
-torques over it, of the events.
+Every block has :data:`STEPS` steps. Its acceleration is a polynomial over its time, a
+constant where the speed is given as a table; borders of blocks lie at all corners: of
+the speed, of the torques over it, of the events.
 """
 
 from __future__ import annotations
@@ -90,8 +90,9 @@ class Blocks:
 
     begin : s; step : s; kind : index of the length of the step among the ``lengths``
     ``(K,)``; mode : index of the state of the cylinders; angle : rad turned by the
-    reference rotor at the begin; omega ``(B, 4)``: coefficients of its speed in rad/s
-    over the share of the block that has passed.
+    reference rotor at the begin; omega : its speed at the begin in rad/s; acceleration
+    ``(B, s)`` : rad/s2 at the Gauss nodes of the block, between which it is the
+    polynomial through these.
     """
 
     begin: Array
@@ -100,6 +101,7 @@ class Blocks:
     mode: Array
     angle: Array
     omega: Array
+    acceleration: Array
 
     @property
     def duration(self) -> Array:
@@ -108,23 +110,44 @@ class Blocks:
 
     def speeds(self, shares: np.ndarray) -> Array:
         """Speed ``(..., n)`` rad/s at shares ``(n,)`` of the blocks."""
-        return self.omega @ _powers(shares)
+        gained = self.acceleration @ self._weights(shares, integrals=1)
+        return self.omega[..., None] + self.duration[..., None] * gained
 
     def accelerations(self, shares: np.ndarray) -> Array:
         """Angular acceleration ``(..., n)`` rad/s2 at shares ``(n,)`` of the blocks."""
-        slope = self.omega[..., 1:] * np.arange(1.0, 4.0)
-        return slope @ _powers(shares)[:3] / self.duration[..., None]
+        return self.acceleration @ self._weights(shares, integrals=0)
 
     def angles(self, shares: np.ndarray) -> Array:
         """Angle ``(..., n)`` rad at shares ``(n,)`` of the blocks."""
-        powers = _powers(shares) * shares
-        turned = (self.omega / np.arange(1.0, 5.0)) @ powers
-        return self.angle[..., None] + turned * self.duration[..., None]
+        gained = self.acceleration @ self._weights(shares, integrals=2)
+        duration = self.duration[..., None]
+        turned = self.omega[..., None] * shares + duration * gained
+        return self.angle[..., None] + duration * turned
+
+    def _weights(self, shares: np.ndarray, integrals: int) -> np.ndarray:
+        """Weights ``(s, n)`` of the accelerations, see :func:`from_nodes`."""
+        return from_nodes(self.acceleration.shape[-1], shares, integrals)
 
 
-def _powers(shares: np.ndarray) -> np.ndarray:
-    """Powers 0 to 3 ``(4, n)`` of shares ``(n,)``."""
-    return np.asarray(shares) ** np.arange(4)[:, None]
+def gauss_nodes(count: int) -> np.ndarray:
+    """Gauss nodes ``(count,)`` of a block, as shares of it."""
+    return (np.polynomial.legendre.leggauss(count)[0] + 1) / 2
+
+
+def from_nodes(count: int, shares: np.ndarray, integrals: int) -> np.ndarray:
+    """Weights ``(count, n)`` with which values at the Gauss nodes give the polynomial
+    through them at ``shares`` ``(n,)``, or its first or second integral from 0 on.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    at_nodes = np.polynomial.legendre.legvander(nodes, count - 1)
+    # Legendre polynomials are orthogonal over the nodes.
+    norms = np.arange(count) + 0.5
+    coefficients = (at_nodes * weights[:, None] * norms).T
+    if integrals:
+        coefficients = np.polynomial.legendre.legint(
+            coefficients, integrals, lbnd=-1, scl=0.5
+        )
+    return np.polynomial.legendre.legval(2 * np.asarray(shares) - 1, coefficients)
 
 
 @dataclass(frozen=True)
@@ -148,14 +171,9 @@ class Grid:
         return np.append(self.begin, self.begin[-1] + STEPS * self.step[-1])
 
 
-def grid(
-    seconds: float,
-    corners: Iterable[float],
-    longest: float,
-    slowest: float = SLOWEST,
-) -> Grid:
+def grid(seconds: float, corners: Iterable[float], longest: float) -> Grid:
     """The :class:`Grid` over ``seconds``, with borders at the ``corners`` and steps of
-    at most ``longest`` s, and ``slowest`` blocks in a second or more.
+    at most ``longest`` s.
     """
     inside = sorted(time for time in corners if 0 < time < seconds)
     borders = [0.0]
@@ -163,8 +181,7 @@ def grid(
         if time - borders[-1] > SAME * seconds:
             borders.append(time)
     borders[-1] = seconds
-    if slowest:
-        longest = min(longest, 1 / slowest / STEPS)
+    longest = min(longest, 1 / SLOWEST / STEPS)
     begin = []
     step = []
     for first, last in zip(borders[:-1], borders[1:], strict=True):
@@ -177,37 +194,16 @@ def grid(
 
 def blocks_of_table(grid: Grid, table: SpeedTable, mode: np.ndarray) -> Blocks:
     """The :class:`Blocks` of a given speed, whose rows are borders of blocks."""
-    omega = np.zeros((len(grid.begin), 4))
-    borders = grid.borders
-    speed = table.speed(borders) * (np.pi / 30)
-    omega[:, 0] = speed[:-1]
-    omega[:, 1] = np.diff(speed)
+    omega = table.speed(grid.borders) * (np.pi / 30)
+    acceleration = np.diff(omega) / (STEPS * grid.step)
     return Blocks(
         begin=grid.begin,
         step=grid.step,
         kind=grid.kind,
         mode=mode,
         angle=table.angle(grid.begin),
-        omega=omega,
-    )
-
-
-def blocks_of_speeds(grid: Grid, omega: Array, mode: np.ndarray) -> Blocks:
-    """The :class:`Blocks` of speeds ``(B, 4)`` rad/s at their begins, thirds and ends:
-    the cubic through these in each.
-    """
-    xp = namespace(omega)
-    shares = np.arange(4) / 3
-    cubic = omega @ np.linalg.inv(_powers(shares))
-    turned = (cubic / np.arange(1.0, 5.0)).sum(axis=1) * (STEPS * grid.step)
-    angle = xp.concatenate([xp.zeros(1), xp.cumsum(turned)[:-1]])
-    return Blocks(
-        begin=grid.begin,
-        step=grid.step,
-        kind=grid.kind,
-        mode=mode,
-        angle=angle,
-        omega=cubic,
+        omega=omega[:-1],
+        acceleration=acceleration[:, None],
     )
 
 

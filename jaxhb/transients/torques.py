@@ -122,6 +122,12 @@ def panels(train: TrainArrays, lowest: float, highest: float) -> np.ndarray:
     return np.stack([borders[:-1], borders[1:]], axis=1)
 
 
+def nodes_of(ranges: Array) -> Array:
+    """Begin, middle and end ``(P, 3)`` of ranges ``(P, 2)``."""
+    xp = namespace(ranges)
+    return xp.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
+
+
 def kinks_between(train: TrainArrays, lowest: float, highest: float) -> list[float]:
     """Speeds in rpm between two at which numbers over the speed have a kink."""
     speeds = excitation.speeds(train)
@@ -136,7 +142,7 @@ def kinks_between(train: TrainArrays, lowest: float, highest: float) -> list[flo
 def torque_table(
     trains: Sequence[DriveTrain],
     idle_trains: Sequence[DriveTrain],
-    ranges: np.ndarray,
+    ranges: Array,
     harmonics: int,
     *,
     free: bool,
@@ -150,7 +156,7 @@ def torque_table(
     train = trains[0]
     xp = namespace(train)
     disks = excited_disks(train)
-    rpm = np.stack([ranges[:, 0], ranges.mean(axis=1), ranges[:, 1]], axis=1)
+    rpm = nodes_of(ranges)
     hz, _ = excitation.lines_at(train, rpm[0, 0])
     patterns = load_patterns(train, harmonics)[:, disks]
     patterns = xp.pad(patterns, ((0, 0), (0, 0), (0, len(hz))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, concrete, namespace, traced
+from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.mesh_modes import STRAINED
 from jaxhb.linear.modal import natural_frequencies
@@ -31,15 +33,14 @@ from jaxhb.transients.course import (
     refuse_moving_jumps,
 )
 from jaxhb.transients.equations import TransientEquations
-from jaxhb.transients.free_speed import Plan, free_plan, mean_rotation, rotated
+from jaxhb.transients.free_speed import Plan, free_blocks, free_plan, mean_rotation
 from jaxhb.transients.march import Marched, Marching, first_instant, march
-from jaxhb.transients.motion import Readings, Transient
+from jaxhb.transients.motion import Readings, States, Transient
 from jaxhb.transients.timeline import (
     STEPS,
     Blocks,
     Grid,
     SpeedTable,
-    blocks_of_speeds,
     blocks_of_table,
     grid,
     padded,
@@ -138,6 +139,51 @@ def transient(
     >>> round(float(run_up.rpm[-1]), 6)
     1500.0
     """
+    return transient_in_steps(
+        train,
+        StepRate(),
+        seconds=seconds,
+        speed=speed,
+        events=events,
+        start=start,
+        rpm=rpm,
+        record=record,
+        refine=refine,
+        progress=progress,
+    )
+
+
+class StepRate:
+    """Steps in a second that transients of trains alike share, so that they have the
+    same steps and programs: those of the first one and some to ``spare``, a share,
+    until one needs more.
+    """
+
+    def __init__(self, spare: float = 0.0):
+        self._spare = spare
+        self._steps = 0.0
+
+    def at_least(self, needed: float) -> float:
+        """Steps in a second for a transient that needs so many."""
+        if needed > self._steps:
+            self._steps = (1 + self._spare) * needed
+        return self._steps
+
+
+def transient_in_steps(
+    train: DriveTrain,
+    step_rate: StepRate,
+    *,
+    seconds: float,
+    speed: Speed,
+    events: str | Sequence[str] = (),
+    start: str | SteadyState | Response | Array | None = None,
+    rpm: float | None = None,
+    record: float | None = None,
+    refine: int = 1,
+    progress: Callable[[float], object] | None = None,
+) -> Transient:
+    """The :func:`transient` in steps by a :class:`StepRate`."""
     (values,) = concrete(train)
     if traced(values):
         raise TypeError(
@@ -147,34 +193,37 @@ def transient(
     listed = occurrences(values, events)
     refuse_clutches(values.topology, listed)
     refuse_moving_jumps(train, listed)
+    if not (isinstance(refine, int) and refine >= 1):
+        raise SceneError(
+            f"transient: refine is {refine!r}, must be a whole number of at least 1."
+        )
     if isinstance(speed, str):
-        plan = free_plan(values, seconds, speed, rpm, listed)
+        plan = free_plan(values, seconds, speed, rpm, listed, refine)
     else:
         table = speed_table(seconds, speed, rpm)
         _check_balance(values, table)
         plan = Plan(table, course(values, listed, table), free=False)
     equations = TransientEquations.of(train, values, plan)
-    steps = _grid(equations, plan, seconds, refine)
-    marching, readings = equations.marching(plan, steps)
+    steps = _grid(equations, plan, seconds, refine, step_rate)
+    prepared = equations.set_up(plan, steps)
+    marching = prepared.marching
     blocks = blocks_of(train, plan, steps, marching)
     if marching.disturbance is not None:
         marching = _with_start_angles(marching, plan.course, steps, blocks)
-    state = equations.begin(start, plan)
-    notes = (*equations.notes, *equations.notes_on_start(start, plan))
-    recording = _Recording.of(blocks, record, len(equations.space.coordinates))
+    state = equations.begin(prepared.coordinates, start, plan)
+    on_start = equations.notes_on_start(start, plan)
+    notes = (*equations.notes, *plan.notes, *on_start)
+    recording = _Recording.of(blocks, record, len(prepared.coordinates))
     instants = _march(marching, state, blocks, recording, progress)
-    return _result(train, blocks, recording, instants, readings, notes)
+    return _result(train, blocks, recording, instants, prepared.readings, notes)
 
 
 def blocks_of(train: DriveTrain, plan: Plan, steps: Grid, marching: Marching) -> Blocks:
     """The :class:`Blocks` of a transient."""
-    mode = plan.course.mode(steps.begin)
     if not plan.free:
-        return blocks_of_table(steps, plan.table, mode)
+        return blocks_of_table(steps, plan.table, plan.course.mode(steps.begin))
     mean = mean_rotation(train, plan.course, marching.torques, marching.disturbance)
-    rpm = float(plan.table.rpm[0])
-    omega = rotated(mean, rpm, steps.borders, mode, plan.course)
-    return blocks_of_speeds(steps, omega if traced(omega) else np.asarray(omega), mode)
+    return free_blocks(mean, float(plan.table.rpm[0]), steps, plan.course)
 
 
 def _with_start_angles(
@@ -210,22 +259,23 @@ def _check_balance(train: DriveTrain, table: SpeedTable) -> None:
 
 
 def _grid(
-    equations: TransientEquations, plan: Plan, seconds: float, refine: int
+    equations: TransientEquations,
+    plan: Plan,
+    seconds: float,
+    refine: int,
+    step_rate: StepRate,
 ) -> Grid:
     """The :class:`Grid` of the steps."""
     values = equations.values
     title = values.topology.title
-    if not (isinstance(refine, int) and refine >= 1):
-        raise SceneError(
-            f"transient: refine is {refine!r}, must be a whole number of at least 1."
-        )
     table = plan.table
     fastest = values.topology.cycle_frequency(float(table.rpm.max())) / (2 * np.pi)
     wave = fastest * excitation.highest_harmonic(values, beside_lines=True)
     lines_hz, _ = excitation.lines_at(values, float(table.rpm.max()))
     wave = max(wave, highest_event_hz(values, plan.course), *lines_hz.tolist())
     modes = max(equations.highest_hz, _highest_mode_hz(values, plan.course))
-    rate = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
+    needed = max(STEPS_PER_WAVE * wave, STEPS_PER_MODE_PERIOD * modes) * refine
+    rate = step_rate.at_least(needed)
     if rate * seconds > MOST_STEPS:
         raise SceneError(
             f"{title}: {seconds:g} s take {rate * seconds:.3g} steps of {1 / rate:.3g}"
@@ -304,8 +354,10 @@ def _march(
     first_block = jax.tree.map(lambda values: values[0], blocks)
     instant, begin = first_instant(marching, state, first_block)
     instants = _Instants(begin, recording, count, traced(marching, state, blocks))
-    # Derivatives backwards keep the state at the begin of every part alone.
-    marched_part = jax.checkpoint(march) if traced(marching, state, blocks) else march
+    marched_part: Callable = partial(march, stride=recording.stride)
+    if traced(marching, state, blocks):
+        # Derivatives backwards store the state at the begin of every part alone.
+        marched_part = jax.checkpoint(marched_part)
     try:
         for first in range(0, count, CHUNK):
             part = _part(blocks, first)
@@ -325,61 +377,64 @@ def _part(blocks: Blocks, first: int) -> Blocks:
 
 
 class _Instants:
-    """Instants that are kept, one after another: the rows of ``count`` blocks after the
+    """Instants in parts, one after another: the rows of ``count`` blocks after the
     first one.
     """
 
     def __init__(self, begin: Marched, recording: _Recording, count: int, traced: bool):
         self._recording = recording
         self._traced = traced
-        self._parts = [begin]
+        self._parts: list[Marched] = []
         self.count = count
-        self.blocks = 0
-        if not self._traced:
-            rows = 1 + count * len(recording.places)
-            self._arrays = jax.tree.map(
-                lambda values: np.empty((rows, values.shape[-1])), begin
-            )
-            self._fill(jax.tree.map(np.asarray, begin), 0)
-
-    def _fill(self, marched: Marched, at: int) -> None:
-        """Write rows ``(blocks, steps, ...)`` from the row ``at`` on."""
-        for array, values in zip(
-            jax.tree.leaves(self._arrays), jax.tree.leaves(marched), strict=True
-        ):
-            rows = values.shape[0] * values.shape[1]
-            array[at : at + rows] = values.reshape(rows, values.shape[2])
+        self.blocks = -1
+        self.add(begin, 1)
 
     def add(self, marched: Marched, size: int) -> None:
-        """Keep the steps of the first ``size`` of some blocks."""
-        places = self._recording.places
-        if self._traced:
-            records = jax.tree.map(lambda values: values[:size, places], marched)
-            self._parts.append(records)
-        else:
-            records = jax.tree.map(
-                lambda values: np.asarray(values)[:size][:, places], marched
-            )
-            self._fill(records, self._rows)
+        """Append the steps of the first ``size`` of some blocks."""
+        if not self._traced:
+            # Views of what the program has left: a copy takes as long as the march.
+            marched = jax.tree.map(lambda rows: np.asarray(rows)[:size], marched)
+        self._parts.append(marched)
         self.blocks += size
 
     @property
-    def _rows(self) -> int:
-        """Number of instants so far."""
-        return 1 + self.blocks * len(self._recording.places)
-
-    @property
-    def marched(self) -> Marched:
+    def marched(self) -> Joined:
         """Rows ``(n, ...)`` of all instants."""
-        if not self._traced:
-            return jax.tree.map(lambda values: values[: self._rows], self._arrays)
+        parts = tuple(self._parts)
+        if self._traced:
+            return joined(parts, 1 + self.blocks * len(self._recording.places))
+        states = tuple(_rows(part.state) for part in parts)
+        loads = [_rows(part.loads) for part in parts]
+        teeth = [_rows(part.teeth) for part in parts]
+        return Joined(States(states), np.concatenate(loads), np.concatenate(teeth))
 
-        def joined(*parts: Array) -> Array:
-            flat = [part.reshape(-1, part.shape[2]) for part in parts if part.size]
-            shape = (self._rows, parts[0].shape[2])
-            return jnp.concatenate(flat) if flat else jnp.zeros(shape)
 
-        return jax.tree.map(joined, *self._parts)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Joined:
+    """Numbers of all n instants: states, loads ``(n, C)`` and teeth ``(n, W)``, as in
+    :class:`~jaxhb.transients.march.Marched`.
+    """
+
+    states: States
+    loads: Array
+    teeth: Array
+
+
+def _rows(values: Array) -> Array:
+    """Rows ``(n, ...)`` of blocks of steps."""
+    return values.reshape(values.shape[0] * values.shape[1], values.shape[2])
+
+
+@partial(Program, static_argnames="count")
+def joined(parts: tuple[Marched, ...], count: int) -> Joined:
+    """The first ``count`` instants of some parts."""
+
+    def rows(*values: Array) -> Array:
+        return jnp.concatenate([_rows(part) for part in values])[:count]
+
+    whole = jax.tree.map(rows, *parts)
+    return Joined(States((whole.state,)), whole.loads, whole.teeth)
 
 
 def _result(
@@ -412,7 +467,7 @@ def _result(
         time=along(blocks.begin[:1], after),
         rpm=along(blocks.speeds(start), blocks.speeds(shares)) * (30 / np.pi),
         angle=along(blocks.angles(start), blocks.angles(shares)),
-        states=marched.state,
+        states=marched.states,
         loads=marched.loads,
         teeth=marched.teeth,
         readings=readings,

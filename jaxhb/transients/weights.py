@@ -21,11 +21,13 @@ need no eigenvectors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.equations.state_space import (
@@ -37,7 +39,7 @@ from jaxhb.equations.state_space import (
     propagated,
 )
 from jaxhb.equations.system import System
-from jaxhb.integration.step import exponential, krogstad
+from jaxhb.integration.step import krogstad
 
 
 @jax.tree_util.register_dataclass
@@ -197,9 +199,9 @@ def in_pairs(space: ForcedSpace, rotation: FreeRotation | None) -> ForcedSpace:
         damping = PARTING * np.abs(np.diag(A)).max() * shares
         rates, vectors = np.linalg.eig(parted - np.diag(damping))
     if rotation is not None:
-        kept = np.argsort(-np.abs(rates.real))[2:]
-        rates = rates[kept]
-        vectors = vectors[:, kept]
+        elastic = np.argsort(-np.abs(rates.real))[2:]
+        rates = rates[elastic]
+        vectors = vectors[:, elastic]
     turning = vectors[:, rates.imag > 0]
     real = np.concatenate([free, vectors[:, rates.imag == 0].real], axis=1)
     if real.shape[1] % 2:
@@ -223,6 +225,14 @@ def in_pairs(space: ForcedSpace, rotation: FreeRotation | None) -> ForcedSpace:
     )
 
 
+def halvings(rates: np.ndarray) -> np.ndarray:
+    """Number ``(...)`` of halvings after which the largest sum of a column of matrices
+    ``(..., n, n)`` of the host is at most a half.
+    """
+    norms = np.abs(rates).sum(axis=-2).max(axis=-1)
+    return np.ceil(np.log2(np.maximum(2 * norms, 1.0))).astype(int)
+
+
 @dataclass(frozen=True)
 class _Integrals:
     """exp(A h), and h phi_k(A h) times the columns of forces and loads, k = 1, 2, 3."""
@@ -231,59 +241,99 @@ class _Integrals:
     columns: tuple[Array, Array, Array]
 
 
-def _integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
-    """The :class:`_Integrals` over ``h`` seconds, of a dense A or of blocks."""
-    if transition.ndim == 2:
-        return _dense_integrals(transition, columns, h)
-    pairs = np.moveaxis(np.asarray(transition), 2, 0)
-    m = len(pairs)
-    # Van Loan's augmented matrix, pair by pair
-    matrix = np.zeros((m, 8, 8))
-    matrix[:, :2, :2] = pairs
-    matrix[:, :2, 2:4] = np.eye(2)
-    matrix[:, 2:6, 4:8] = np.eye(4) / h
-    whole = _exponentials(matrix * h)
-    blocks = [np.moveaxis(whole[:, :2, k : k + 2], 0, 2) for k in (0, 2, 4, 6)]
-    weighted = [propagated(block, columns) for block in blocks[1:]]
-    return _Integrals(blocks[0], (weighted[0], weighted[1], weighted[2]))
-
-
-def _exponentials(matrices: np.ndarray) -> np.ndarray:
-    """Exponentials ``(m, n, n)`` of small matrices of the host, by their Taylor series
-    of degree 16 with squaring.
+def _integrals(
+    transition: Array, columns: Array, h: Number, halved: np.ndarray | int
+) -> tuple[_Integrals, _Integrals]:
+    """The :class:`_Integrals` over half of ``h`` seconds and over ``h``, of a dense A
+    or of blocks, after so many :func:`halvings` of A h / 2, for all or for each block.
     """
-    norms = np.abs(matrices).sum(axis=1).max(axis=1)
-    squarings = np.ceil(np.log2(np.maximum(2 * norms, 1.0))).astype(int)
-    identity = np.eye(matrices.shape[-1])
-    small = matrices * 0.5 ** squarings[:, None, None]
-    power = np.broadcast_to(identity, matrices.shape)
-    for k in range(16):
-        power = identity + small @ power / (16 - k)
-    for k in range(squarings.max(initial=0)):
-        left = squarings > k
-        power[left] = power[left] @ power[left]
-    return power
+    dense = transition.ndim == 2
+    xp = namespace(transition, h)
+    matrix = transition if dense else transition.transpose(2, 0, 1)
+    scale = 0.5 ** (np.asarray(halved)[..., None, None] + 1.0)
+    half = _phi_functions(matrix * (scale * h), np.asarray(halved))
+
+    def weighted(phis: Array, h: Number) -> _Integrals:
+        if not dense:
+            phis = phis.transpose(0, 2, 3, 1)
+        first, second, third = (propagated(h * phi, columns) for phi in phis[1:])
+        return _Integrals(phis[0], (first, second, third))
+
+    return weighted(half, h / 2), weighted(_doubled(xp, half), h)
 
 
-def _dense_integrals(transition: Array, columns: Array, h: Number) -> _Integrals:
-    """:func:`_integrals` of a dense A, which may be traced."""
-    n, count = columns.shape
-    matrix = jnp.zeros((n + 3 * count, n + 3 * count))
-    matrix = matrix.at[:n, :n].set(transition).at[:n, n : n + count].set(columns)
-    matrix = matrix.at[n : n + 2 * count, n + count :].set(jnp.eye(2 * count) / h)
-    whole = exponential(matrix * h)
-    first, second, third = jnp.split(whole[:n, n:], 3, axis=1)
-    return _Integrals(whole[:n, :n], (first, second, third))
+def _phi_functions(small: Array, halved: np.ndarray) -> Array:
+    """phi_0 to phi_3 ``(4, ..., n, n)``, exp the first, of matrices ``(..., n, n)``
+    times 2 to the power of ``halved`` ``(...)``: the Taylor series of phi_3, and
+    doubling [1].
+
+    [1] Skaflestad, Wright, The scaling and modified squaring method for matrix
+    functions related to the exponential, Appl. Numer. Math. 59 (2009) 783
+    """
+    xp = namespace(small)
+    identity = np.broadcast_to(np.eye(small.shape[-1]), small.shape)
+    # Of matrices with sums below a half, terms further on are below 1e-19.
+    series = _repeated(
+        14, lambda k, series: identity + small @ series / (17 - k), identity + 0 * small
+    )
+    third = series / 6
+    second = identity / 2 + small @ third
+    first = identity + small @ second
+    phis = xp.stack([identity + small @ first, first, second, third])
+
+    def doubled(k: Number, phis: Array) -> Array:
+        left = xp.asarray(k < halved)[..., None, None]
+        return xp.where(left, _doubled(xp, phis), phis)
+
+    return _repeated(int(halved.max(initial=0)), doubled, phis)
 
 
-def step_weights(space: ForcedSpace, h: Number) -> StepWeights:
-    """The :class:`StepWeights` of steps of ``h`` seconds."""
+def _repeated(
+    count: int, change: Callable[[Number, Array], Array], begin: Array
+) -> Array:
+    """Change a value ``count`` times, with the number of times so far."""
+    if namespace(begin) is not np:
+        return lax.fori_loop(0, count, change, begin)
+    for k in range(count):
+        begin = change(k, begin)
+    return begin
+
+
+def _doubled(xp: Any, phis: Array) -> Array:
+    """phi_0 to phi_3 ``(4, ..., n, n)`` of matrices twice as large."""
+    exp, first, second, third = phis
+    return xp.stack(
+        [
+            exp @ exp,
+            (exp @ first + first) / 2,
+            (exp @ second + first + second) / 4,
+            (exp @ third + first / 2 + second + third) / 8,
+        ]
+    )
+
+
+def stacked_weights(space: ForcedSpace, lengths: Array, halved: int) -> StepWeights:
+    """The :class:`StepWeights` ``(K, ...)`` of steps of ``lengths`` ``(K,)`` s, of a
+    traced space after so many :func:`halvings` of its A h / 2.
+    """
+    if namespace(space) is not np:
+        return lax.map(lambda h: step_weights(space, h, halved), lengths)
+    pairs = np.asarray(space.transition).transpose(2, 0, 1)
+    weights = [step_weights(space, h, halvings(pairs * (h / 2))) for h in lengths]
+    return jax.tree.map(lambda *rows: np.stack(rows), *weights)
+
+
+def step_weights(
+    space: ForcedSpace, h: Number, halved: np.ndarray | int
+) -> StepWeights:
+    """The :class:`StepWeights` of steps of ``h`` seconds, after so many
+    :func:`halvings` of A h / 2.
+    """
     xp = namespace(space.transition, h)
     L = space.observation
     meshes = space.forcing.shape[1]
     columns = xp.concatenate([space.forcing, space.load], axis=1)
-    half = _integrals(space.transition, columns, h / 2)
-    full = _integrals(space.transition, columns, h)
+    half, full = _integrals(space.transition, columns, h, halved)
     # Krogstad's second integral over half a step counts the whole step.
     integrals = (half.columns[0], 2 * half.columns[1], *full.columns)
     first, second, third, end = krogstad(*(part[:, :meshes] for part in integrals))

@@ -9,6 +9,7 @@ import pytest
 
 import jaxhb
 from jaxhb.scene.writer import scene_text
+from jaxhb.train.excitation import excitation
 from jaxhb.train.kinematics import tooth_damping_ratios
 
 ENGINE = "inline_four_timing_drive"
@@ -157,3 +158,62 @@ def test_the_notes_on_the_scene_are_told_once(command, run):
     assert completed.json["scene_notes"] == [NOTE]
     text = completed.path("json").read_text(encoding="utf-8")
     assert text.count("backlash is 0.002 m") == 1
+
+
+def test_check_tells_mass_crank_pressure_and_power_of_every_cylinder(run_once):
+    """Work of a cycle is the mean pressure times the swept volume, in two
+    revolutions.
+    """
+    record = run_once("check six_cylinder_diesel", "json").json
+    one = record["cylinders"]["cylinder 5"]
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    bore = float(train.cylinders.bore[0])
+    swept = np.pi / 4 * bore**2 * 2 * one["crank_radius_m"]
+    assert one["firing_deg"] == 120.0
+    np.testing.assert_allclose(one["swept_volume_m3"], swept, rtol=1e-14)
+    for rpm, imep, power, mean in zip(
+        record["rpm"],
+        one["imep_Pa"],
+        one["power_W"],
+        record["mean_torque_Nm"]["cylinder 5"],
+        strict=True,
+    ):
+        np.testing.assert_allclose(power, imep * swept * rpm / 120, rtol=1e-12)
+        np.testing.assert_allclose(power, mean * 2 * np.pi * rpm / 60, rtol=1e-12)
+
+
+def test_tangential_pressures_of_check_are_read_back(here, run):
+    """The CSV file in the place of the combustion gives the same torques."""
+    train = jaxhb.load_scene("first_scene")
+    command = 'check first_scene --excitation "cylinder 1" --rpm 1500'
+    run(f"{command} --csv table.csv", "json").check_printed("check_excitation")
+    table = jaxhb.tangential_pressure(train, "cylinder 1", rpm=1500.0)
+    text, _ = scene_text("first_scene", expand=True)
+    parts = tomllib.loads(text)
+    (cylinder,) = parts["cylinder"]
+    lines = ["[cylinder.tangential_pressure]", 'cosine_sine = "table.csv"']
+    lines += [f"imep = {float(table.imep[-1])!r}"]
+    (here / "table.toml").write_text(
+        "\n".join(
+            [
+                '[[disk]]\nname = "a"\ninertia = 1.0\n[[disk]]\nname = "b"',
+                'inertia = 1.0\n[[shaft]]\nbetween = ["a", "b"]\nstiffness = 1e5',
+                '[[load]]\ndisk = "b"\n[[cylinder]]\ndisk = "a"',
+                f"bore = {cylinder['bore']}\nstroke = {cylinder['stroke']}",
+                *lines,
+            ]
+        )
+    )
+    back = jaxhb.load_scene("table.toml")
+    seat = train.topology.cylinders.disk[0]
+    mass = train.replace({"cylinder 1.reciprocating_mass": 0.0}).replace(
+        {"plungers.mean": 0.0}
+    )
+    expected = np.asarray(excitation(mass, 1500.0, 20)[0])[seat]
+    actual = np.asarray(excitation(back, 1500.0, 20)[0])[0]
+    np.testing.assert_allclose(
+        actual, expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+    )
+    run("check first_scene --csv other.csv", status=2).check_printed(
+        "check_csv_of_nothing"
+    )

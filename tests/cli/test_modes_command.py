@@ -142,3 +142,21 @@ def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(
         printed = [[float(cell) for cell in row[1:]] for row in rows]
         expected = 100 * (energies / energies.sum(0))[:, 1:]
         np.testing.assert_allclose(printed, expected, atol=0.0501)
+
+
+def test_vector_sums_stand_beside_the_modes(tmp_path, monkeypatch, run):
+    """Files have every mode that strains a link."""
+    monkeypatch.chdir(tmp_path)
+    completed = run("modes six_cylinder_diesel --vector-sums --csv sums.csv", "json")
+    completed.check_printed("modes_vector_sums")
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    modes = jaxhb.natural_frequencies(train)
+    sums = jaxhb.vector_sums(train, modes=modes, numbers=range(1, 9))
+    record = completed.json["vector_sums"]
+    assert record["modes"] == list(range(1, 9))
+    np.testing.assert_array_equal(
+        record["mode_sums"]["magnitude"], np.abs(sums.mode_sums)
+    )
+    rows = (tmp_path / "sums.csv").read_text().splitlines()
+    assert rows[0].startswith("order,sum,sum deg,mode 1 sum,mode 1 deg,mode 2 sum")
+    assert len(rows) == 1 + len(sums.orders)

@@ -236,3 +236,17 @@ def test_an_exhaust_pressure_that_is_not_given_follows_the_charge_pressure(way):
     np.testing.assert_allclose(
         torque(explicit, rpm), expected, rtol=0, atol=ALGEBRAIC * abs(expected).max()
     )
+
+
+def test_pressures_over_the_load_are_the_last_one_and_its_factors():
+    """Linear between the rows, the exhaust with them."""
+    rows = ((0.25, 1.4e5), (0.5, 2.0e5), (1.0, 3.5e5))
+    load = ((100.0, 0.25), (200.0, 0.75), (300.0, 1.0))
+    train = pair(
+        cylinder(charge=None, load=load, charge_pressure_over_load=rows),
+        revolutions_per_cycle=1,
+    )
+    speeds = np.array([100.0, 200.0, 300.0])
+    charge, exhaust = charge_pressures(train.cylinders, speeds)
+    np.testing.assert_allclose(charge[:, 0], [1.4e5, 2.75e5, 3.5e5], rtol=1e-14)
+    np.testing.assert_allclose(exhaust[:, 0], [1.4e5, 2.75e5, 3.5e5], rtol=1e-14)

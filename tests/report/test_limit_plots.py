@@ -11,6 +11,7 @@ from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
+from jaxhb.linear.strength import Strength
 from jaxhb.report.compute import Asked, answer_speeds
 from jaxhb.report.figures import speeds
 from jaxhb.report.figures.figure import DIGITS
@@ -94,7 +95,7 @@ def test_the_picture_has_loads_beside_their_limits_and_shades_barred_ranges(
     assert_line(stress, "transient limit", 1e-6 * limits[1])
     (shaded,) = stress.bands
     (barred,) = strength.barred["line shaft"]
-    assert (shaded.low, shaded.high) == (barred.low, barred.high)
+    assert (shaded.low, shaded.high) == (barred.bar_low, barred.bar_high)
     # Thousands of N m are given in kN m, in the caption and in the title of the axis
     # too.
     assert_line(tooth, "vibratory torque", 1e-3 * torques.vibratory)
@@ -179,7 +180,9 @@ def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_li
         name: SimpleNamespace(stress=[1e6, top], continuous=None)
         for name, top in {"a": 3e6, "b": 9e6}.items()
     }
-    strength = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
+    strength = Strength(
+        rpm=[1.0, 2.0], rated_rpm=None, stresses=rows, tooth_torques={}, heat={}
+    )
     assert judged_elements(strength) == [("stresses", "b")]
     rows["a"].continuous = [4e7, 4e7]
     assert judged_elements(strength) == [("stresses", "a")]

@@ -163,7 +163,8 @@ def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
     ]
     train = jaxhb.build(parts, revolutions_per_cycle=2)
     report = Report(
-        [Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"}
+        [Case("", [SimpleNamespace(train=train, orbit=False, response=None)])],
+        facts={"date": "today"},
     )
     (part,) = parts_of(report, {"": assumptions})
     assert "has no injection: its compression stays" in part.html

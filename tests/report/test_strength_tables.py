@@ -11,7 +11,7 @@ from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
-from jaxhb.report.text.strength import AID
+from jaxhb.report.text.strength import AID, range_record
 
 SPEEDS = "300:960:23"
 
@@ -35,7 +35,7 @@ def test_forced_lists_the_worst_over_the_speeds_and_bars_ranges(scene, strength,
     (barred,) = strength.barred["line shaft"]
     assert stresses == stresses | {
         "stress_Pa": stress.stress.tolist(),
-        "barred": [vars(barred) | {"passable": barred.passable}],
+        "barred": [range_record(barred)],
     }
     # The last speed is above 1.05 of the rated speed.
     assert stresses["continuous_Pa"][0] == stress.continuous[0]

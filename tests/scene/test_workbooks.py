@@ -117,6 +117,8 @@ def content(draw):
         "parameter": [{"name": "a.damping", "low": "20 N m s/rad", "high": 600.0}],
         "objective": [{"quantity": "tooth force", "of": "1"}],
     }
+    tables["report"] = {"yard": "N; W", "hull": "123", "units": {"torque": "kN m"}}
+    tables["parts"] = {"files": ["makers.toml", "a b.toml"]}
     tables["scene"] = {
         "name": "plant",
         "notes": ["one; two", "three."],
@@ -172,7 +174,8 @@ def test_new_writes_a_sheet_for_every_kind_of_element_with_lists_and_examples(
         if offered.type == "list"
     }
     assert lists["B2:B1000"] == "=disk!$A$2:$A$1000"
-    assert '"M68,KR crankshaft A,' in " ".join(lists.values())
+    offered = book["mesh"].data_validations.dataValidation
+    assert '"external,internal"' in {each.formula1 for each in offered}
     # A kind that the scene does not have shows a row as a remark.
     assert book["ground"]["A2"].value.startswith("#")
     assert shaft.freeze_panes == "B2"

@@ -1,5 +1,7 @@
 """Events that change a train, against the changed train itself, and what is refused."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -251,6 +253,38 @@ def test_a_train_that_runs_away_or_stops_is_refused():
     train = jaxhb.build([*driven, Torque(disk="crank", mean=-50.0)], reference="crank")
     with pytest.raises(jaxhb.SceneError, match="at free speed the train stops after"):
         jaxhb.transient(train, seconds=100.0, speed="free", rpm=600.0)
+
+
+def test_a_speed_that_settles_faster_than_blocks_is_refused():
+    """Time constant of 1 ms, blocks of 133 ms: the iterations of a block diverge."""
+    law = {"law": "propeller", "rated_torque": 90.0, "rated_rpm": 900.0}
+    light = [
+        Disk(name="motor", inertia=0.001),
+        Disk(name="fan", inertia=0.001),
+        Shaft(between=("motor", "fan"), stiffness=2e4),
+        Torque(disk="motor", mean=100.0, harmonics=((1.0, 60.0, 10.0),)),
+        Load(disk="fan", **law),
+    ]
+    train = jaxhb.build(light, reference="motor", revolutions_per_cycle=1)
+    options = {"seconds": 0.2, "speed": "free", "rpm": 900.0, "start": "rest"}
+    with pytest.raises(jaxhb.SceneError, match="by a greater refine"):
+        jaxhb.transient(train, **options)
+    found = jaxhb.transient(train, **options, refine=128)
+    assert found.rpm[-1] == pytest.approx(900.0 * np.sqrt(100.0 / 90.0), rel=1e-6)
+
+
+def test_begins_that_do_not_settle_are_told(monkeypatch):
+    from jaxhb.transients import free_speed
+
+    def moved(values, plan, *_):
+        later = dataclasses.replace(plan.course, begins=plan.course.begins + 1e-3)
+        return dataclasses.replace(plan, course=later)
+
+    monkeypatch.setattr(free_speed, "_free_again", moved)
+    found = jaxhb.transient(
+        TRAIN, seconds=0.2, speed="free", rpm=600.0, start="rest", events=["misfire"]
+    )
+    assert "the begins of 'misfire' did not settle" in " ".join(found.notes)
 
 
 def test_it_says_that_jit_cannot_trace_it():

@@ -80,7 +80,7 @@ def test_torques_of_events_move_a_train_as_its_twin_at_a_given_speed(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["step", "block", "ramp", "trapezoid"])
+@pytest.mark.parametrize("name", BY_NAME)
 def test_torques_of_events_move_a_train_as_its_twin_at_a_free_speed(name):
     parts = linear_plant(7, law=True, meshing=False)
     assert difference(parts, SECONDS, None, rpm=1000.0, kind=BY_NAME[name]) < CLOSE
@@ -88,16 +88,22 @@ def test_torques_of_events_move_a_train_as_its_twin_at_a_free_speed(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
+    "speed", [Ramps(((0.0, 1000.0), (SECONDS, 1300.0))), None], ids=["given", "free"]
+)
+@pytest.mark.parametrize(
     "change, corners",
     [
         ((FUEL, "fuel", fuel_factor), (0.1, 0.2, 0.25)),
         ((CUT_OFF, "gas", gas_factor), (0.15,)),
     ],
 )
-def test_fuel_and_cut_off_cylinders_change_torques_as_in_the_twin(change, corners):
-    parts = linear_plant(7, meshing=False)
-    speed = Ramps(((0.0, 1000.0), (SECONDS, 1300.0)))
-    assert difference(parts, SECONDS, speed, change=change, corners=corners) < CLOSE
+def test_fuel_and_cut_off_cylinders_change_torques_as_in_the_twin(
+    change, corners, speed
+):
+    parts = linear_plant(7, law=True, meshing=False)
+    rpm = None if speed else 1000.0
+    options = {"rpm": rpm, "change": change, "corners": corners}
+    assert difference(parts, SECONDS, speed, **options) < CLOSE
 
 
 def free_pair(*events, laws=True):

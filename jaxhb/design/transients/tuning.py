@@ -19,12 +19,14 @@ from jaxhb.design.task import named_at, shares_at, unbounded_at
 from jaxhb.elements.sentences import SceneError
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.transients.motion import Transient
-from jaxhb.transients.transient import Speed, transient
+from jaxhb.transients.transient import Speed, StepRate, transient_in_steps
 
 # One number of the rows of an event, as "start.fuel[1,1]"
 OF_ROWS = re.compile(r"(?P<name>.+)\[(?P<row>\d+), ?(?P<column>\d+)\]")
 # Share of the objective that a step must win
 IMPROVEMENT = 1e-4
+# Share of steps to spare, with which designs of stiffer teeth have the same steps
+SPARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,6 +250,7 @@ class _Descent:
         self.history: list[TransientStep] = []
         self._on_step = on_step or (lambda step: None)
         self._scale = np.ones(len(objectives))
+        self._step_rates = [StepRate(SPARE) for _ in objectives]
         self._last: TransientStep | None = None
 
     def _start(self) -> np.ndarray:
@@ -264,10 +267,10 @@ class _Descent:
         changed = with_numbers(self.train, self._numbers(z))
         motions: list[tuple[dict[str, Any], Transient]] = []
         values = []
-        for objective in self.objectives:
+        for objective, step_rate in zip(self.objectives, self._step_rates, strict=True):
             alike = [motion for run, motion in motions if _same(run, objective.run)]
             if not alike:
-                alike = [transient(changed, **objective.run)]
+                alike = [transient_in_steps(changed, step_rate, **objective.run)]
                 motions.append((objective.run, alike[0]))
             values.append(jnp.asarray(objective.value(alike[0]), dtype=float))
         return jnp.stack(values)

@@ -4,12 +4,17 @@ and the checks of both.
 
 from __future__ import annotations
 
+import cmath
+import dataclasses
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
+    AMPLITUDES,
+    COSINES,
     HARMONICS,
     PRESSURE,
     REQUIRED,
@@ -24,7 +29,7 @@ from jaxhb.elements.declared import (
 )
 from jaxhb.elements.values import number_like, row_errors
 from jaxhb.excitation import gas
-from jaxhb.excitation.tables import COMPUTED
+from jaxhb.excitation.tables import COMPUTED, LOADED, TANGENTIAL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +54,12 @@ class Combustion:
     ``exhaust_pressure`` is ``charge_pressure`` unless given. ``charge_over_load`` =
     rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
     pressures, linear between the rows and constant outside them; without either what
-    they have above the atmosphere grows with the power.
+    they have above the atmosphere grows with the power. ``charge_pressure_over_load`` =
+    rows of (load, Pa) stands for the charge pressure of its last row and these factors.
     """
 
     compression_ratio: float = quantity("", above=1.0)
-    charge_pressure: float = positive("Pa")
+    charge_pressure: float | None = positive("Pa", None)
     exhaust_pressure: float | None = positive("Pa", None)
     start: float = quantity("deg", above=-180.0, below=180.0)
     duration: float = quantity("deg", above=0.0, most=360.0)
@@ -62,9 +68,47 @@ class Combustion:
     imep: float | None = quantity("Pa", None)
     compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
     expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    charge_pressure_over_load: tuple = rows(("load", "pressure"))
     charge_over_load: tuple = rows(("load", "factor"))
     charge_over_rpm: tuple = rows(SCALE)
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentialPressure:
+    """``[cylinder.tangential_pressure]``: a table of the engine maker, the gas torque
+    over piston area and crank radius by orders of the crank.
+
+    ``cosine_sine`` = rows of (order, imep, cosine, sine) or ``amplitude_phase`` = rows
+    of (order, imep, amplitude, phase deg), in any order, but every order at each mean
+    indicated pressure. Pressures of the rows are in Pa, phases those of
+    cos(order a + phase), or of the sine with ``phase_of = "sine"``, a the crank angle
+    from firing top dead centre. ``imep`` is the mean indicated pressure at full load in
+    Pa, which ``load`` multiplies. Rows at imep 0 are those of compression alone.
+    """
+
+    imep: float = not_negative("Pa")
+    cosine_sine: tuple | None = rows(COSINES, None, unit="Pa")
+    amplitude_phase: tuple | None = rows(AMPLITUDES, None, unit="Pa")
+    phase_of: str = choice("cosine", "sine")
+    stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
+
+
+def tangential_rows(table: TangentialPressure) -> dict[float, dict[float, complex]]:
+    """Cosine - i sine in Pa by mean indicated pressure (Pa) and order, both increasing,
+    of a sound table.
+    """
+    by_place: dict[float, dict[float, complex]] = {}
+    for order, imep, cosine, sine in table.cosine_sine or ():
+        part = complex(cosine, -sine)
+        by_place.setdefault(float(imep), {})[float(order)] = part
+    turned = 90.0 if table.phase_of == "sine" else 0.0
+    for order, imep, amplitude, phase in table.amplitude_phase or ():
+        part = cmath.rect(amplitude, math.radians(phase - turned))
+        by_place.setdefault(float(imep), {})[float(order)] = part
+    return {
+        imep: dict(sorted(orders.items())) for imep, orders in sorted(by_place.items())
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +126,9 @@ class CrankSlider:
     table_firing_tdc: float | None = quantity("deg", None)
     traces: tuple | None = declared("tables", None, of=Trace)
     combustion: Combustion | None = declared("table", None, of=Combustion)
+    tangential_pressure: TangentialPressure | None = declared(
+        "table", None, of=TangentialPressure
+    )
     load: tuple = rows(("rpm", "load"))
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
@@ -104,7 +151,8 @@ class Cylinder(CrankSlider):
 
     The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from
     several such tables over speed and load (``traces``), or from a model
-    (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` = rows of
+    (``combustion``); or it is given by a table of the engine maker
+    (``tangential_pressure``), or by ``gas_torque_mean`` and ``gas_torque`` = rows of
     (order, Re, Im) for firing at 0, orders of its own rotor. ``orders`` is the largest
     order of its own rotor that is kept of computed torques, 12 unless given, of a
     two-stroke 15, up to which rules ask for orders. ``ambient_pressure`` acts on the
@@ -132,17 +180,37 @@ def source(cylinder: CrankSlider) -> str | None:
 
 
 def source_word(cylinder: CrankSlider) -> str:
-    """Name the :func:`source` as a word: "harmonics" of a prescribed gas torque, "none"
-    where there is none.
+    """Name the :func:`source` as a word: "tangential_pressure" of such a table,
+    "harmonics" of a prescribed gas torque, "none" where there is none.
     """
+    if cylinder.tangential_pressure is not None:
+        return TANGENTIAL
     prescribed = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
     return source(cylinder) or ("harmonics" if prescribed else "none")
 
 
+def with_charge(combustion: Combustion) -> Combustion:
+    """A sound combustion with charge pressure and factors in the place of rows of
+    pressures.
+    """
+    pressures = combustion.charge_pressure_over_load
+    if not pressures:
+        return combustion
+    full = pressures[-1][1]
+    return dataclasses.replace(
+        combustion,
+        charge_pressure=full,
+        charge_over_load=tuple((load, pressure / full) for load, pressure in pressures),
+        charge_pressure_over_load=(),
+    )
+
+
 def gas_revolutions(cylinder: CrankSlider) -> int:
     """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is
-    not computed.
+    given by harmonics.
     """
+    if cylinder.tangential_pressure is not None:
+        return int(cylinder.tangential_pressure.stroke_cycle) // 2
     if source(cylinder) == "combustion" and cylinder.combustion is not None:
         return int(cylinder.combustion.stroke_cycle) // 2
     rows = cylinder.pressure or (
@@ -157,7 +225,8 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
     """
     computed = [key for key in COMPUTED if getattr(cylinder, key) is not None]
     has_torque = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    sources = [*computed, "gas_torque"] if has_torque else computed
+    has_table = cylinder.tangential_pressure is not None
+    sources = computed + [TANGENTIAL] * has_table + ["gas_torque"] * has_torque
     errors = []
     if len(sources) > 1:
         several = "both" if len(sources) == 2 else "all"
@@ -171,10 +240,14 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
             " false."
         )
     needed_keys = []
+    moves = number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0
     reason = computed[0] if computed else "reciprocating_mass"
     if computed:
         needed_keys = ["bore", "stroke", "rod"]
-    elif number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0:
+    elif has_table:
+        reason = TANGENTIAL
+        needed_keys = ["bore", "stroke", "rod"] if moves else ["bore", "stroke"]
+    elif moves:
         needed_keys = ["stroke", "rod"]
     missing = [key for key in needed_keys if getattr(cylinder, key) is None]
     errors += [
@@ -190,10 +263,10 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
             f"rod is {cylinder.rod:g} m, must be longer than half the stroke"
             f" ({cylinder.stroke / 2:g} m). Correct rod or stroke."
         )
-    if cylinder.load and not {"traces", "combustion"} & set(computed):
+    if cylinder.load and not set(LOADED) & set(sources):
         errors.append(
-            "load is given without traces or combustion, which it acts on. Give scale"
-            " instead."
+            "load is given without traces, combustion or tangential_pressure, which it"
+            " acts on. Give scale instead."
         )
     if number_like(cylinder.fires_every) and cylinder.fires_every > 1 and not computed:
         reason = (
@@ -209,11 +282,97 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
         if isinstance(cylinder.traces, tuple | list)
         else []
     )
+    if isinstance(cylinder.tangential_pressure, TangentialPressure):
+        errors += _tangential_errors(cylinder, cylinder.tangential_pressure)
     return errors + (
         _combustion_errors(cylinder.combustion)
         if isinstance(cylinder.combustion, Combustion)
         else []
     )
+
+
+def _tangential_errors(cylinder: Cylinder, table: TangentialPressure) -> list[str]:
+    """Check the rows of a table of tangential pressure, and that a cylinder without
+    injection finds its compression there.
+    """
+    present = {
+        name: getattr(table, name)
+        for name in ("cosine_sine", "amplitude_phase")
+        if getattr(table, name) is not None
+    }
+    if len(present) != 1:
+        count = "both" if present else "neither"
+        return [
+            f"{TANGENTIAL}: of cosine_sine and amplitude_phase {count} is given. Give"
+            " one of them."
+        ]
+    errors = []
+    if cylinder.ambient_pressure:
+        errors.append(
+            f"ambient_pressure is given beside {TANGENTIAL}, which has both sides of"
+            " the piston in it. Leave it out."
+        )
+    strokes = table.stroke_cycle
+    if strokes not in (2, 4):
+        errors.append(
+            f"{TANGENTIAL}: stroke_cycle is {strokes}, must be 2 or 4. Correct it."
+        )
+    ((name, rows),) = present.items()
+    if isinstance(rows, Unread) or row_errors(name, COSINES, rows) or errors:
+        return errors
+    return [f"{TANGENTIAL}: {text}" for text in _order_errors(name, rows, strokes)] or (
+        _without_compression(cylinder, rows)
+    )
+
+
+def _order_errors(name: str, rows: Sequence[Any], strokes: int) -> list[str]:
+    """Check orders and mean indicated pressures of rows, each pair once."""
+    if not rows:
+        return [f"{name} has no rows, must have one for every order. Give them."]
+    least = 0.5 if strokes == 4 else 1.0
+    for i, (order, imep, *_) in enumerate(rows):
+        if order <= 0.0 or order % least:
+            return [
+                f"{name}, row {i + 1}: order is {order:g}, must be a multiple of"
+                f" {least:g} above 0 in a {strokes:g}-stroke cycle. Correct it; the"
+                " mean follows from imep."
+            ]
+        if imep < 0.0:
+            return [
+                f"{name}, row {i + 1}: imep is {imep:g}, must be at least 0, that of"
+                " compression alone. Correct it."
+            ]
+    places = Counter((float(row[1]), float(row[0])) for row in rows)
+    for (imep, order), times in places.items():
+        if times > 1:
+            return [
+                f"{name}: order {order:g} at imep {imep:g} stands {times} times. Keep"
+                " one."
+            ]
+    pressures = {imep for imep, _ in places}
+    orders = {order for _, order in places}
+    lacking = sorted({(imep, n) for imep in pressures for n in orders} - set(places))
+    if lacking:
+        imep, order = lacking[0]
+        return [
+            f"{name}: there is no order {order:g} at imep {imep:g}, but at another"
+            " imep. Give every order at each imep."
+        ]
+    return []
+
+
+def _without_compression(cylinder: Cylinder, rows: Sequence[Any]) -> list[str]:
+    """Check that a cylinder without its whole injection has rows of compression."""
+    whole = cylinder.fires and cylinder.injection in (None, 1.0)
+    if whole or any(row[1] == 0.0 for row in rows):
+        return []
+    return [NO_COMPRESSION_ROW.format("the cylinder lacks injection")]
+
+
+NO_COMPRESSION_ROW = (
+    "{}, but its tangential_pressure has no rows at imep 0, those of compression alone."
+    " Add them, or cut the cylinder off by gas_factor = 0."
+)
 
 
 def _trace_errors(traces: Sequence[Any]) -> list[str]:
@@ -263,12 +422,20 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
         errors.append("combustion: heat and imep are both given. Keep one of them.")
     if not any(present):
         errors.append("combustion: neither heat nor imep is given. Give one of them.")
-    if combustion.charge_over_load and combustion.charge_over_rpm:
+    tables = ["charge_pressure_over_load", "charge_over_load", "charge_over_rpm"]
+    given = [name for name in tables if getattr(combustion, name)]
+    if len(given) > 1:
         errors.append(
-            "combustion: charge_over_load and charge_over_rpm are both given. Keep one"
+            f"combustion: {given[0]} and {given[1]} are both given. Keep one of them."
+        )
+    if (combustion.charge_pressure is None) != (tables[0] in given):
+        count = "neither" if combustion.charge_pressure is None else "both"
+        errors.append(
+            f"combustion: of charge_pressure and {tables[0]} {count} is given. Give one"
             " of them."
         )
     for name, columns in (
+        ("charge_pressure_over_load", ("load", "pressure")),
         ("charge_over_load", ("load", "factor")),
         ("charge_over_rpm", ("rpm", "factor")),
     ):
@@ -280,8 +447,8 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
         )
         if least_factor is not None and least_factor <= 0.0:
             errors.append(
-                f"combustion: the least factor of {name} is {least_factor:g}, must be"
-                " greater than 0. Correct it."
+                f"combustion: the least {columns[1]} of {name} is {least_factor:g},"
+                " must be greater than 0. Correct it."
             )
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(

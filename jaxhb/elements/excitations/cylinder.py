@@ -12,6 +12,7 @@ pressure p is a sum of functions of the angle, weighted by speed and load
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,12 +23,15 @@ import numpy as np
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.elements.columns import collected, column, padded, scales
 from jaxhb.elements.excitations.crank_slider import (
+    NO_COMPRESSION_ROW,
     Combustion,
     Cylinder,
     cylinder_errors,
     gas_revolutions,
     source,
     source_word,
+    tangential_rows,
+    with_charge,
 )
 from jaxhb.elements.excitations.kind import (
     Excitation,
@@ -43,7 +47,17 @@ from jaxhb.excitation.crank import CRANK_SAMPLES
 from jaxhb.excitation.gas import GAS_SAMPLES, gas_cycle, injection
 from jaxhb.excitation.mean_torques import mean_gas_torques, scale_at
 from jaxhb.excitation.orders import add_listed, coefficients, harmonics_of, highest_rows
-from jaxhb.excitation.tables import COMPUTED, Combustions, Cylinders, GasCycles, Traces
+from jaxhb.excitation.tables import (
+    COMPUTED,
+    LOADED,
+    TANGENTIAL,
+    Combustions,
+    Cylinders,
+    GasCycles,
+    TangentialPressures,
+    Traces,
+)
+from jaxhb.excitation.tangential import tangential_harmonics
 
 # Largest orders of computed torques, where a scene says nothing
 ORDERS = 12.0
@@ -65,7 +79,8 @@ class CylinderSeats(GasCycles, Seats):
     ``every`` (0 where no pressure is given), and ``turn`` per order of its own rotor;
     ``gas`` and ``inertia`` how many harmonics of the gas cycle and how many orders of
     the own rotor are computed; ``series`` whether the inertia torque is that of the
-    short series.
+    short series; ``orders`` the
+    harmonics of tables of tangential pressure.
     """
 
     step: tuple[int, ...] = per_cycle()
@@ -73,6 +88,7 @@ class CylinderSeats(GasCycles, Seats):
     gas: tuple[int, ...]
     inertia: tuple[int, ...]
     series: tuple[bool, ...]
+    orders: Rows = per_cycle()
 
     def gas_rows(self) -> Rows:
         """Harmonics of the cycle of the computed gas torques."""
@@ -87,9 +103,10 @@ class CylinderSeats(GasCycles, Seats):
         )
 
     def listed(self) -> Rows:
-        rows = (self.harmonics, self.gas_rows(), self.inertia_rows())
+        rows = (self.harmonics, self.orders, self.gas_rows(), self.inertia_rows())
         return tuple(
-            tuple(sorted({*a, *b, *c} - {0})) for a, b, c in zip(*rows, strict=True)
+            tuple(sorted({n for row in own for n in row} - {0}))
+            for own in zip(*rows, strict=True)
         )
 
 
@@ -129,6 +146,7 @@ class CylinderKind(Excitation):
             "injection",
             "gas_torque_mean",
             *(of_pressure if source(element) else ()),
+            *((TANGENTIAL, "load", "bore", "stroke") if _tabled(element) else ()),
         )
 
     def written_speeds(self, element: Cylinder, usable: Usable) -> Iterator[float]:
@@ -148,7 +166,7 @@ class CylinderKind(Excitation):
             return
         for order in sound_orders(element.gas_torque):
             yield f"order {order:g}", order * ratio, "gas_torque_mean"
-        if source(element) and usable(*COMPUTED):
+        if (source(element) or _tabled(element)) and usable(*COMPUTED, TANGENTIAL):
             revolutions = gas_revolutions(element)
             if usable("fires_every"):
                 revolutions *= int(element.fires_every)
@@ -180,7 +198,8 @@ class CylinderKind(Excitation):
             # Of all gas cycles from one with injection to the next
             span = revolutions * cylinder.fires_every
             has_crank = cylinder.stroke is not None and cylinder.rod is not None
-            two_stroke = is_computed and revolutions == 1
+            known = is_computed or _tabled(cylinder)
+            two_stroke = known and revolutions == 1
             orders = cylinder.orders or (
                 ORDERS_OF_TWO_STROKES if two_stroke else ORDERS
             )
@@ -203,6 +222,10 @@ class CylinderKind(Excitation):
                 [cylinder.gas_torque or () for cylinder in elements], turns
             ),
             turn=tuple(turns),
+            orders=tuple(
+                tuple(round(order * turn) for order in _orders(cylinder))
+                for cylinder, turn in zip(elements, turns, strict=True)
+            ),
             series=tuple(cylinder.kinematics == "mendes2008" for cylinder in elements),
             **{name: tuple(values) for name, values in columns.items()},
         )
@@ -219,6 +242,7 @@ class CylinderKind(Excitation):
             "pressure": pressure,
             "traces": _trace_table(elements),
             "combustion": _combustion_table(elements),
+            "tangential_pressure": _tangential_table(elements),
         }
         for name in self.ones:
             scattered = any(
@@ -299,6 +323,18 @@ class CylinderKind(Excitation):
         disks = seats.disk
         lists = where(seats.harmonics, seats.prescribed)
         torque = add_listed(torque, disks, lists, prescribed)
+        if numbers.tangential_pressure is not None:
+            place = np.zeros(len(disks), dtype=int)
+            tabled_seats = numbers.tangential_pressure.seats
+            place[list(tabled_seats)] = np.arange(len(tabled_seats))
+
+            def tabled(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
+                of_orders = tangential_harmonics(numbers, seats, rpm)
+                sized = scale[..., i] * of_orders[..., place[i], k]
+                return factor[i] * sized * phase(i, n)
+
+            lists = where(seats.orders, seats.tangential)
+            torque = add_listed(torque, disks, lists, tabled)
         lists = where(seats.gas_rows(), seats.computed)
         torque = add_listed(torque, disks, lists, computed)
         lists = tuple(row[: CRANK_SAMPLES // 2] for row in seats.inertia_rows())
@@ -313,6 +349,13 @@ class CylinderKind(Excitation):
         for i, (orders, turn) in enumerate(inertia):
             if orders and mass[i] > 0.0:
                 harmonics.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
+        tables = numbers.tangential_pressure
+        parts = () if tables is None else np.abs(np.asarray(tables.parts))
+        for i, own in zip(() if tables is None else tables.seats, parts, strict=True):
+            size = own.max(axis=(0, 2))
+            least = NEGLIGIBLE_GAS * max(size.max(initial=0.0), 1e-300)
+            counts = size[: len(seats.orders[i])] > least
+            harmonics += itertools.compress(seats.orders[i], counts.tolist())
         cylinders, of_gas, _ = cylinder_harmonics.computed_gas(numbers, seats)
         sizes = np.abs(np.asarray(of_gas)).max(axis=0) if cylinders else ()
         for i, size in zip(cylinders, sizes, strict=True):
@@ -333,6 +376,8 @@ class CylinderKind(Excitation):
         if field == "combustion.exhaust_pressure":
             assert numbers.combustion is not None  # the field was located in it
             return gas.full_exhaust_pressure(numbers.combustion)[place]
+        if field.startswith(f"{TANGENTIAL}."):
+            return _scene_part(numbers, field, place, row)
         if not field.startswith("traces."):
             return row
         assert numbers.traces is not None  # the field was located in them
@@ -357,20 +402,25 @@ def _without_effect(
     origin = seats.source[index]
     moves = seats.inertia[index] > 0
     computed = origin in COMPUTED
-    if (field in ("bore", "ambient_pressure") and not computed) or (
-        field == "pressure" and origin != "pressure"
+    tabled = origin == TANGENTIAL
+    if field == "injection" and tabled:
+        tables = numbers.tangential_pressure
+        assert tables is not None  # a cylinder has it
+        compresses = tables.compresses[tables.seats.index(index)]
+        return "" if compresses else NO_COMPRESSION_ROW.format("it would misfire")
+    if (
+        (field == "bore" and not (computed or tabled))
+        or (field == "ambient_pressure" and not computed)
+        or (field == "pressure" and origin != "pressure")
     ):
         return (
             "it has no effect, as the cylinder has no pressure table. Build the scene"
             " with a pressure."
         )
-    if field in ("load_rpm", "load_share") and origin not in (
-        "traces",
-        "combustion",
-    ):
+    if field in ("load_rpm", "load_share") and origin not in LOADED:
         return (
-            "it has no effect, as the cylinder has neither traces nor combustion. Build"
-            " the scene with one of them."
+            "it has no effect, as the cylinder has neither traces nor combustion nor"
+            " tangential_pressure. Build the scene with one of them."
         )
     if field in ("combustion.heat", "combustion.imep"):
         combustion = numbers.combustion
@@ -381,14 +431,16 @@ def _without_effect(
                 f"it has no effect, as the scene gives {'imep' if by_work else 'heat'}"
                 " instead. Change that."
             )
-    if field in ("gas_torque_mean", "gas_torque") and computed:
+    if field in ("gas_torque_mean", "gas_torque") and (computed or tabled):
         name = "pressure table" if origin == "pressure" else origin
         return (
             f"the gas torque comes from the {name}. Change {origin}, or build the scene"
             " without it."
         )
-    if (field == "reciprocating_mass" and not moves) or (
-        field in ("stroke", "rod") and not (moves or computed)
+    if (
+        (field == "reciprocating_mass" and not moves)
+        or (field == "stroke" and not (moves or computed or tabled))
+        or (field == "rod" and not (moves or computed))
     ):
         return (
             "it has no effect, as the cylinder was built without inertia torque. Build"
@@ -430,7 +482,7 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     )
     if not seats:
         return None
-    combustions = [cylinders[i].combustion for i in seats]
+    combustions = [with_charge(cylinders[i].combustion) for i in seats]
     names = [
         field.name
         for field in dataclasses.fields(Combustion)
@@ -467,9 +519,66 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     )
 
 
+def _tabled(cylinder: Cylinder) -> bool:
+    """Tell whether a cylinder has a table of tangential pressure."""
+    return cylinder.tangential_pressure is not None
+
+
+def _orders(cylinder: Cylinder) -> list[float]:
+    """Orders of the table of tangential pressure of a cylinder, up to its largest."""
+    table = cylinder.tangential_pressure
+    if table is None:
+        return []
+    most = math.inf if cylinder.orders is None else cylinder.orders + 1e-9
+    first = next(iter(tangential_rows(table).values()))
+    return [order for order in first if order <= most]
+
+
+def _tangential_table(cylinders: Sequence[Cylinder]) -> TangentialPressures | None:
+    """Collect the tangential pressures; None where no cylinder has any."""
+    tables = {
+        i: cylinder.tangential_pressure
+        for i, cylinder in enumerate(cylinders)
+        if cylinder.tangential_pressure is not None
+    }
+    if not tables:
+        return None
+    orders = [_orders(cylinders[i]) for i in tables]
+    rows = [tangential_rows(table) for table in tables.values()]
+    grid = gas.padded([list(row) for row in rows])
+    parts = np.zeros((*grid.shape, max(map(len, orders)), 2))
+    for k, (row, own) in enumerate(zip(rows, orders, strict=True)):
+        for r, by_order in enumerate(row.values()):
+            coefficients = np.array([by_order[order] for order in own], dtype=complex)
+            parts[k, r, : len(own), 0] = coefficients.real
+            parts[k, r, : len(own), 1] = -coefficients.imag
+    sizes = [(len(row), len(own)) for row, own in zip(rows, orders, strict=True)]
+    return TangentialPressures(
+        seats=tuple(tables),
+        sizes=tuple(sizes),
+        revolutions=tuple(gas_revolutions(cylinders[i]) for i in tables),
+        compresses=tuple(0.0 in row for row in rows),
+        imep=np.array([float(table.imep) for table in tables.values()]),
+        grid=grid,
+        parts=parts,
+    )
+
+
+def _scene_part(numbers: Cylinders, field: str, place: int, row: Array) -> Array:
+    """The part of a row of tangential pressures that the scene gave."""
+    tables = numbers.tangential_pressure
+    assert tables is not None  # the field was located in them
+    pressures, orders = tables.sizes[place]
+    parts_of_scene: dict[str, Any] = {
+        f"{TANGENTIAL}.grid": np.s_[:pressures],
+        f"{TANGENTIAL}.parts": np.s_[:pressures, :orders],
+    }
+    return row[parts_of_scene[field]] if field in parts_of_scene else row
+
+
 def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:
     """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
-    if not any(source(cylinder) in ("traces", "combustion") for cylinder in cylinders):
+    if not any(source_word(cylinder) in LOADED for cylinder in cylinders):
         return {"load_rpm": None, "load_share": None}
     rpm, share = _on_grids([cylinder.load for cylinder in cylinders])
     return {"load_rpm": rpm, "load_share": share}

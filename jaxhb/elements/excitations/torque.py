@@ -12,6 +12,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.elements.columns import collected, column, padded, scales
 from jaxhb.elements.declared import (
+    BLADE_ORDERS,
     HARMONICS,
     LINES,
     SCALE,
@@ -22,6 +23,7 @@ from jaxhb.elements.declared import (
     quantity,
     rows,
 )
+from jaxhb.elements.excitations.blades import blade_errors
 from jaxhb.elements.excitations.kind import (
     Excitation,
     Need,
@@ -42,12 +44,16 @@ class Torque:
     ``lines`` = rows of (Hz, Re, Im) add Re((Re + i Im) exp(2 pi i Hz t)): frequencies
     that do not follow the speed, as of a grid or an inverter. With ``rated_rpm``, a
     speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2
-    unless given: the law of propellers, fans and inertia torques.
+    unless given: the law of propellers, fans and inertia torques. ``blades`` and
+    ``blade_orders`` = rows of (multiple, share of the mean, phase deg) stand for the
+    harmonics mean x share cos(multiple x blades x theta + phase) of its own rotor.
     """
 
     disk: str = declared("disk")
     mean: float = quantity("N m", 0.0)
     harmonics: tuple = rows(HARMONICS, unit="N m")
+    blades: int | None = quantity("", None, kind="count", least=1.0, most=1000.0)
+    blade_orders: tuple = rows(BLADE_ORDERS)
     lines: tuple = rows(LINES, unit="N m")
     orders_of: str = choice("reference", "own")
     scale: tuple = rows(SCALE)
@@ -105,12 +111,13 @@ class TorqueKind(Excitation):
     order_rows = "harmonics"
 
     def errors(self, element: Torque) -> list[str]:
+        errors = blade_errors(element)
         if element.speed_exponent is not None and element.rated_rpm is None:
-            return [
+            errors.append(
                 "speed_exponent is given without rated_rpm. Give the speed at which the"
                 " torque has this size."
-            ]
-        return []
+            )
+        return errors
 
     def mean_fields(self, element: Torque) -> tuple[str, ...]:
         return ("mean", "scale", "rated_rpm", "speed_exponent")

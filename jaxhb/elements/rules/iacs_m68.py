@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from jaxhb.elements.rules.rule import Rule, Section
 
 if TYPE_CHECKING:
-    from jaxhb._jax import Array
+    from jaxhb._jax import Array, Number
 
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels;
@@ -39,6 +39,14 @@ def limits(section: Section, ratio: Array) -> tuple[Array, Array]:
     return continuous, 1.7 * continuous / section.stress_concentration**0.5
 
 
+def barred(critical: Number, rated: Number) -> tuple[Number, Number]:
+    """Lowest and highest speed of the barred range around a critical speed, all in
+    rpm: ``16 n_c / (18 - lambda)`` to ``(18 - lambda) n_c / 16``, M68.5.
+    """
+    width = 18.0 - critical / rated
+    return 16.0 * critical / width, width * critical / 16.0
+
+
 RULES = (
     Rule(
         name="M68",
@@ -62,5 +70,7 @@ RULES = (
         unread=("yield_strength",),
         crankshafts=False,
         default=True,
+        barred=barred,
+        range_source="M68.5",
     ),
 )

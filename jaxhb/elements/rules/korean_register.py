@@ -94,6 +94,7 @@ def _rule(
         note=NOTE,
         needs=("diameter", "tensile_strength"),
         unread=("stress_concentration",),
+        year=2025,
     )
 
 

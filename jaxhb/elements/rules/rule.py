@@ -6,6 +6,7 @@ before a limit is computed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,14 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Section:
-    """A shaft as rules see it: diameter in m, strengths in Pa, numbers or arrays; nan
-    where it has no such number, a ``yield_strength`` of 0 where it is not known.
+    """A shaft as rules see it: diameter and bore in m, strengths in Pa, nominal torque
+    in N m and rated speed in rpm, numbers or arrays; nan where it has no such number, a
+    ``yield_strength`` of 0 where it is not known.
     """
 
     diameter: Number
     tensile_strength: Number
     stress_concentration: Number
     yield_strength: Number
+    bore: Number = 0.0
+    nominal_torque: Number = math.nan
+    rated_rpm: Number = math.nan
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,10 @@ class Rule:
     title : str, how sentences name it; its name by default
     crankshafts : bool, whether it holds for crankshafts
     default : bool, whether it judges shafts that name none
+    barred : function of a critical speed and the rated speed in rpm: the lowest and the
+        highest speed that the rule bars around it; None of a rule without
+    range_source : str, where the rule says so
+    year : int or None, of the publication
     """
 
     name: str
@@ -60,3 +69,6 @@ class Rule:
     title: str = ""
     crankshafts: bool = True
     default: bool = False
+    barred: Callable[[Number, Number], tuple[Number, Number]] | None = None
+    range_source: str = ""
+    year: int | None = None

@@ -75,10 +75,10 @@ def plot_cycle(answer: Answer, gear: str | None = None) -> Picture:
     assert subject is not None  # trains without torques are refused before
     torque = _torque_of(answer.train, subject)
     swings = [
-        plain_number(float(torque.read(motion, subject)))
+        plain_number(torque.factor * float(torque.read(motion, subject)))
         for motion in (answer, answer.without_backlash)
     ]
-    values = f" {swings[0]} N m" if answer.known else ""
+    values = f" {swings[0]} {torque.unit}" if answer.known else ""
     values += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
     caption = f"Torque of {plain(subject)}, half peak-to-peak{values}"
     figures = [cycle_figure(answer, subject, meshes, caption)]

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from jaxhb.report.units import is_chosen
+
 if TYPE_CHECKING:
     from jaxhb.report.answer import Answer
 
@@ -38,6 +40,10 @@ LEGEND_ROW = 19
 LETTER = 4.9
 KEY = 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
+
+BESIDE = 76
+BESIDE_NARROW = 58
+"""Pixels left and right of the panels, of a figure as wide as a page and of others."""
 
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
 THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
@@ -128,7 +134,8 @@ class Figure:
 
     x, panels : axes, those of the panels from the top; traces, notes : lines, marks and
     texts, as plotly.js calls them; height : of a panel; top, right, bottom : room
-    beside the panels, pixels; legend : side at which it stands
+    beside the panels, pixels; legend : side at which it stands; width : pixels of a
+    page that it takes
     """
 
     caption: str
@@ -142,6 +149,12 @@ class Figure:
     right: int = 14
     bottom: int = BOTTOM
     legend: Literal["left", "right"] = "left"
+    width: int = WIDTH
+
+    @property
+    def narrow(self) -> bool:
+        """Whether two stand side by side on a page."""
+        return self.width < WIDTH
 
     @property
     def in_legend(self) -> list[Trace]:
@@ -167,7 +180,7 @@ class Figure:
     @property
     def above(self) -> int:
         """Pixels above the panels."""
-        rows = -(-len(self.in_legend) // legend_columns(self.traces))
+        rows = -(-len(self.in_legend) // legend_columns(self.traces, self.width))
         return 12 + LEGEND_ROW * rows + self.top
 
     @property
@@ -221,7 +234,8 @@ def _in_readable_unit(
         ),
         default=0.0,
     )
-    factor, readable = _readable(unit, largest) if comma else (1.0, unit)
+    fixed = not comma or is_chosen(unit)
+    factor, readable = (1.0, unit) if fixed else _readable(unit, largest)
     if readable == unit:
         return axis, traces
     limits = axis.limits
@@ -266,17 +280,18 @@ def numbered(name: str, panel: int) -> str:
     return f"{name}{panel + 1}" if panel else name
 
 
-def legend_columns(traces: Iterable[Trace]) -> int:
+def legend_columns(traces: Iterable[Trace], width: int = WIDTH) -> int:
     """Count the columns of the legend, from the lengths of its names."""
     widths = [
         KEY + LETTER * len(trace["name"])
         for trace in traces
         if trace.get("showlegend", True)
     ]
-    if sum(widths) <= WIDTH - 76:
+    room = width - (BESIDE if width == WIDTH else BESIDE_NARROW)
+    if sum(widths) <= room:
         return max(1, len(widths))
     # plotly gives every entry the width of the longest.
-    return max(1, int((WIDTH - 76) // max(widths)))
+    return max(1, int(room // max(widths)))
 
 
 def numbers(values: Iterable[float]) -> list[float | None]:

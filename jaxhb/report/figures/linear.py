@@ -30,7 +30,7 @@ from jaxhb.report.figures.figure import (
 )
 from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.orders import NUMBERS, OrderNames
-from jaxhb.report.text.columns import plain_number
+from jaxhb.report.units import said
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
 
@@ -200,7 +200,7 @@ def campbell_figure(
                 color=WITH,
                 text=[
                     f"order {names.number(c.order)}, mode {c.mode}, modal torque"
-                    f" {plain_number(c.torque)} N m"
+                    f" {said(c.torque, 'N m')}"
                     for c in critical
                 ],
                 hovertemplate="%{x} rpm, %{y} Hz: %{text}<extra></extra>",

@@ -7,7 +7,6 @@ from typing import Any
 from jaxhb.report.figures.figure import (
     BAND,
     GAP,
-    WIDTH,
     ZERO,
     Axis,
     Band,
@@ -16,8 +15,11 @@ from jaxhb.report.figures.figure import (
 )
 
 AXIS = 62
+AXIS_NARROW = 50
 ROW = 15
-"""Pixels left of a panel, with a title of one row, and of another row of the title."""
+"""Pixels left of a panel, with a title of one row, of that of a narrow figure, and of
+another row of the title.
+"""
 
 
 def layout_of(figure: Figure) -> dict[str, Any]:
@@ -44,10 +46,10 @@ def layout_of(figure: Figure) -> dict[str, Any]:
         "ticks": "" if several else "outside",
     }
     layout: dict[str, Any] = {
-        "width": WIDTH,
+        "width": figure.width,
         "height": figure.pixels,
         "margin": {
-            "l": AXIS + ROW * more_rows,
+            "l": (AXIS_NARROW if figure.narrow else AXIS) + ROW * more_rows,
             "r": figure.right,
             "t": figure.above,
             "b": figure.bottom,

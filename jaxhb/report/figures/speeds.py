@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.elements.rules import RULES
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, strength, stress_limits, train_of
 from jaxhb.report.answer import SPEED, Answer, Case
@@ -40,7 +39,6 @@ from jaxhb.report.quantities import (
     forces,
     separation,
     shaft_torques,
-    shown_unit,
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.forced import by_kind
@@ -48,6 +46,7 @@ from jaxhb.report.text.identified import largest_orders
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
+from jaxhb.report.units import shown_unit
 from jaxhb.results.quantities import MEASURED
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -565,7 +564,7 @@ def limit_figure(
         f"{called}, {unit}",
         traces,
         height=180,
-        bands=bands([(band.low, band.high) for band in barred]),
+        bands=bands([(band.bar_low, band.bar_high) for band in barred]),
     )
 
 
@@ -580,7 +579,7 @@ def _limits(
     kind = LIMITED[key]
     if key != "stresses" or row.continuous is None:
         return np.asarray(judged.rpm), [getattr(row, limit) for limit in kind.limits]
-    corners = judged.rated_rpm * np.array(RULES[judged.rules[name]].corners)
+    corners = judged.rated_rpm * np.array(judged.known[judged.rules[name]].corners)
     corners = np.concatenate([corners * (1 - ASTRIDE), corners * (1 + ASTRIDE)])
     within = corners[(corners > np.min(judged.rpm)) & (corners < np.max(judged.rpm))]
     speeds = np.unique(np.concatenate([np.atleast_1d(judged.rpm), within]))

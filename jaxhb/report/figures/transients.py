@@ -20,7 +20,6 @@ from jaxhb.report.figures.figure import (
     plain,
     speed_range,
 )
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.transients import (
     SteadyExtremes,
@@ -28,6 +27,7 @@ from jaxhb.report.transients import (
     signal_for_people,
     speeds_passed,
 )
+from jaxhb.report.units import shown_unit
 from jaxhb.train.excitation import listed_harmonic
 from jaxhb.transients.history import History
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from jaxhb.report.files.browser import printed
 from jaxhb.report.files.output import (
     STANDARD_OUTPUT,
     as_csv,
@@ -155,6 +156,34 @@ FORMATS = {
             extra="report",
             libraries=("jinja2", "plotly", "matplotlib"),
             content="page",
+            write=lambda name, page: [page.html()],
+        ),
+        Format(
+            name="pdf",
+            metavar="FILE.pdf",
+            text=(
+                "print that page by the browser at hand (Chromium, Chrome, Edge, or"
+                " that of JAXHB_BROWSER; needs jaxhb[report])"
+            ),
+            kind="PDF",
+            endings=(".pdf",),
+            need="the page needs",
+            extra="report",
+            libraries=("jinja2", "plotly", "matplotlib"),
+            content="page",
+            write=lambda name, page: [printed(page.html)],
+        ),
+        Format(
+            name="phrases",
+            metavar="FILE.toml",
+            text="write all phrases of the page, to be given in other words by --words",
+            kind="list of phrases",
+            endings=(".toml",),
+            need="the page needs",
+            extra="report",
+            libraries=("jinja2", "plotly", "matplotlib"),
+            content="page",
+            write=lambda name, page: [page.phrases()],
         ),
     )
 }

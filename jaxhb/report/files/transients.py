@@ -10,9 +10,9 @@ import numpy as np
 
 from jaxhb.report.files.numbers import on_scene
 from jaxhb.report.files.output import Sheet
-from jaxhb.report.text.strength import AID
+from jaxhb.report.text.strength import AID, LIMITED, range_record
 from jaxhb.report.text.transients import transient_verdict
-from jaxhb.report.transients import Passage, StressPeak, TransientReport
+from jaxhb.report.transients import Passage, Peak, StressPeak, TransientReport
 from jaxhb.results.quantities import VIBRATIONS, names_of
 from jaxhb.transients.history import History
 from jaxhb.transients.motion import Transient
@@ -51,6 +51,13 @@ def transient_record(report: TransientReport) -> dict[str, Any]:
             "rated_rpm": topology.rated_rpm,
             "stresses": {
                 name: _stress_record(peak) for name, peak in report.stresses.items()
+            },
+            **{
+                kind: {
+                    name: _peak_record(peak, LIMITED[kind].suffix)
+                    for name, peak in peaks.items()
+                }
+                for kind, peaks in report.peaks.items()
             },
         },
         "passages": [_passage_record(passage) for passage in report.passages],
@@ -98,7 +105,7 @@ def _stress_record(peak: StressPeak) -> dict[str, Any]:
         "rpm": peak.rpm,
         "transient_Pa": peak.limit,
         "share": peak.share,
-        "rule": peak.rule or None,
+        "rule": peak.rule.name if peak.rule else None,
     }
     fatigue = peak.fatigue
     if fatigue is None:
@@ -111,6 +118,17 @@ def _stress_record(peak: StressPeak) -> dict[str, Any]:
     }
 
 
+def _peak_record(peak: Peak, suffix: str) -> dict[str, float]:
+    """Record a number that a limit bounds at every instant."""
+    return {
+        f"value{suffix}": peak.value,
+        f"limit{suffix}": peak.limit,
+        "time_s": peak.time,
+        "rpm": peak.rpm,
+        "share": peak.share,
+    }
+
+
 def _passage_record(passage: Passage) -> dict[str, Any]:
     """Record a range of speeds and its seconds."""
     barred = passage.barred
@@ -119,7 +137,7 @@ def _passage_record(passage: Passage) -> dict[str, Any]:
         "high_rpm": passage.high,
         "seconds": passage.seconds,
         "shaft": passage.shaft or None,
-        "barred": None if barred is None else vars(barred),
+        "barred": None if barred is None else range_record(barred),
     }
 
 

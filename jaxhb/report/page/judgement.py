@@ -1,25 +1,21 @@
-"""Parts of the page on the answers and how far they can be trusted: result, limits,
-computed bounds, notes.
+"""Parts of the page on the answers and how far they can be trusted: limits, computed
+bounds, notes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from jaxhb.elements.rules import RULES
+from jaxhb.linear.strength import Strength
 from jaxhb.report.answer import Answer, Case
-from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import Block, Heading, Report, flowing
 from jaxhb.report.table import Column, Table
-from jaxhb.report.text.cases import (
-    governing_misfires,
-    governing_table,
-    hardest_of,
-    worst_misfire,
-)
+from jaxhb.report.text.cases import governing_table
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, plain_number
-from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
+from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.strength import (
     AID,
     LIMITED,
@@ -28,68 +24,17 @@ from jaxhb.report.text.strength import (
     largest_shares,
     strength_text,
 )
-from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.checks.plausible import plausibility
 
 ROUNDING = 1e-9  # share of the power that is lost by rounding
-
-
-def result(report: Report) -> list[Block]:
-    """Say what an engineer reads first: do the teeth hammer, how hard, and what of it
-    is in doubt.
-    """
-    cases = report.cases
-    missing = {
-        case.title: sum(not answer.answered for answer in case.answers)
-        for case in [*cases, *report.seconds]
-    }
-    doubts = ", ".join(
-        f"{count} of {len(report.rpm)} ({title})"
-        for title, count in missing.items()
-        if count
-    )
-    worst = worst_misfire(cases) if len(cases) > 2 else None
-    of_all = f"Of all {len(cases) - 1}: "
-    blocks: list[Block] = [
-        *(f"With {_largest(case)}" for case in report.shown),
-        *firing_lines(*(case.answers[0].train for case in cases)),
-        of_all + misfire_text(worst, cases[0].title) if worst else None,
-        *(f"With the {_largest(case)}" for case in report.seconds),
-        *judged(cases, "Against the limits of the scene"),
-        *judged(report.seconds, SECOND_LIMITS),
-        doubts
-        and f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}.",
-    ]
-    return list(filter(None, blocks))
-
-
-def _largest(case: Case) -> str:
-    """Say in sentences what a case does over the speeds, and the largest number of all
-    elements.
-    """
-    hardest = hardest_of([case])
-    motions = " ".join(motion_sentences(case.answers))
-    if hardest is None:
-        return f"{case.title}: {motions} No speed has an answer."
-    assert hardest.name is not None  # it leaves out speeds without an answer
-    quantity = hardest.quantity
-    before = (
-        quantity.without([hardest.answer], hardest.name)[0]
-        if any(hardest.answer.topology.mesh_backlash)
-        else np.nan
-    )
-    without = (
-        f" ({plain_number(before)} {quantity.unit} without backlash)"
-        if np.isfinite(before)
-        else ""
-    )
-    return f"{case.title}: {motions} {quantity.title}: {hardest.said}{without}."
 
 
 def accuracy(report: Report) -> list[Block]:
     """Tell how far the numbers can be trusted: residuals, truncation, power, computed
     bounds.
     """
+    if report.is_linear:
+        return []  # the part on assumptions has it
     blocks: list[Block] = [
         Table(
             "Harmonic balance, the largest of all speeds: residual of its equations,"
@@ -117,6 +62,27 @@ def accuracy(report: Report) -> list[Block]:
             " shown in full."
         )
     return blocks
+
+
+def linear_accuracy(report: Report) -> list[str]:
+    """Say what a linear train loses by rounding, in a sentence in a list; empty for
+    other trains.
+    """
+    if not report.is_linear:
+        return []
+    lost = max(
+        (
+            abs(float(answer.response.power_defect))
+            for case in report.cases
+            for answer in case.answers
+            if answer.response is not None
+        ),
+        default=0.0,
+    )
+    return [
+        "Every order is solved by itself, exactly but for rounding (power not accounted"
+        f" for: {100 * lost:.1g} %)."
+    ]
 
 
 def _accuracy(answers: Sequence[Answer]) -> list[str]:
@@ -152,21 +118,23 @@ def notes_of(report: Report) -> list[Block]:
     ]
     sentences += plausibility(report.train)
     sentences += notes(*(answer for case in report.cases for answer in case.answers))
-    return sentences or ["Nothing to note."]
+    return sentences
 
 
 SHOWN = 6  # shares of limits in a sentence
 SECOND_LIMITS = "Second design, against the limits of its scene"
-MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
 def shares_of(cases: Sequence[Case]) -> dict[tuple[str, str], Share]:
     """Find the :class:`~jaxhb.report.text.strength.Share` of every element over all
     cases that are judged.
     """
-    return largest_shares(
-        {case.title: answers_strength(case.answers) for case in cases}
-    )
+    return largest_shares(_strengths(cases))
+
+
+def _strengths(cases: Sequence[Case]) -> dict[str, Strength]:
+    """Judge cases by the limits of their scene at the speeds of their answers."""
+    return {case.title: answers_strength(case.answers) for case in cases}
 
 
 def judged(cases: Sequence[Case], against: str) -> list[str]:
@@ -176,17 +144,6 @@ def judged(cases: Sequence[Case], against: str) -> list[str]:
     shares = list(shares_of(cases).values())
     if not shares:
         return []
-
-    def where(key: str, holds: Callable[[Any], bool | np.bool_]) -> str:
-        """Name the elements and cases where something holds of a row of ``key``."""
-        titles_by_name: dict[str, list[str]] = {}
-        for case in cases:
-            for name, row in getattr(answers_strength(case.answers), key).items():
-                if holds(row):
-                    titles_by_name.setdefault(name, []).append(case.title)
-        return "; ".join(
-            f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
-        )
 
     over = sum(share.share > 1 for share in shares)
     count = "one case" if len(cases) == 1 else f"{len(cases)} cases"
@@ -206,18 +163,42 @@ def judged(cases: Sequence[Case], against: str) -> list[str]:
         f"{against} ({AID}), {count}: {verdict}. Shares, the largest first:"
         f" {'; '.join(listed)}."
     ]
-    above = where(
+    strengths = _strengths(cases)
+    return [*sentences, *_above_transient(strengths), *reversing(strengths)]
+
+
+def _above_transient(strengths: Mapping[str, Strength]) -> list[str]:
+    """Name the shafts whose stress may not even be passed through, in a list."""
+    above = _where(
+        strengths,
         "stresses",
         lambda row: row.transient is not None and np.any(row.stress > row.transient),
     )
-    reversing = where("tooth_torques", lambda row: np.any(row.reverses))
-    if above:
-        sentences.append(f"ABOVE THE TRANSIENT LIMIT of stress: {above}.")
-    if reversing:
-        sentences.append(
-            f"Teeth with a rated torque whose torque changes its sign: {reversing}."
-        )
-    return sentences
+    return [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] if above else []
+
+
+def reversing(strengths: Mapping[str, Strength]) -> list[str]:
+    """Name the meshes with a rated torque whose torque changes its sign, in a list."""
+    names = _where(strengths, "tooth_torques", lambda row: np.any(row.reverses))
+    if not names:
+        return []
+    return [f"Teeth with a rated torque whose torque changes its sign: {names}."]
+
+
+def _where(
+    strengths: Mapping[str, Strength],
+    key: str,
+    holds: Callable[[Any], bool | np.bool_],
+) -> str:
+    """Name the elements and cases where something holds of a row of ``key``."""
+    titles_by_name: dict[str, list[str]] = {}
+    for title, strength in strengths.items():
+        for name, row in getattr(strength, key).items():
+            if holds(row):
+                titles_by_name.setdefault(name, []).append(title)
+    return "; ".join(
+        f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
+    )
 
 
 def shares_table(title: str, cases: Sequence[Case]) -> Table | None:
@@ -248,35 +229,28 @@ def limits(report: Report) -> list[Block]:
     """Judge stresses, tooth torques and heat by the limits of the scene; of misfires
     that which governs each element.
     """
-    strengths = {case.title: answers_strength(case.answers) for case in report.cases}
+    strengths = report.strengths
     normal = report.cases[0].title
     if not strengths[normal]:
-        return [
-            "The scene gives no limits: no diameter of a shaft, no rated_torque of a"
-            " mesh, no power_limit."
-        ]
+        return []
     blocks: list[Block] = []
     for case in report.shown:
         parts = [
             part if isinstance(part, Table) else flowing(part)
             for part in strength_text({"": strengths[case.title]})
         ]
-        new_parts = [part for part in parts if part not in blocks]
+        # The statement of compliance has the notes of the rules.
+        told = [*blocks, *map(flowing, rule_notes(strengths[normal]))]
+        new_parts = [part for part in parts if part not in told]
         blocks += [Heading(f"With {case.title}"), *new_parts]
-    governing = governing_misfires(report.cases)
-    if len(report.cases) > 2 and governing:
+    if len(report.cases) > 2 and not report.is_linear:
         blocks += [Heading("Of all misfires"), governing_table(report.cases)]
-    chosen = (
-        judged_elements(strengths[normal], each=True)[: 2 * MOST]
-        if len(report.rpm) > 1
-        else []
-    )
-    for key, name in chosen:
-        worst = governing.get((key, name))
-        drawn = [normal, worst.case] if worst else [case.title for case in report.shown]
-        blocks.append(
-            limit_figure(
-                {title: strengths[title] for title in drawn}, key, name, report.train
-            )
-        )
     return blocks
+
+
+def rule_notes(strength: Strength) -> list[str]:
+    """Tell of every rule its source, a sentence each."""
+    return [
+        RULES[name].note.format(source=RULES[name].source, rated=strength.rated_rpm)
+        for name in dict.fromkeys(strength.rules.values())
+    ]

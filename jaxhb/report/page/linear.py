@@ -14,13 +14,15 @@ from jaxhb.linear.critical import (
     modes_of,
     shares_in_mode,
 )
-from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.margins import separations
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
-from jaxhb.report.page.parts import Block, Heading, Report
+from jaxhb.report.page.critical import critical_table, modes_that_matter
+from jaxhb.report.page.parts import Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import (
     ElementReading,
@@ -36,6 +38,7 @@ from jaxhb.report.text.linear import (
     campbell_parts,
     in_contact,
     modes_text,
+    separation_tables,
 )
 from jaxhb.train.varying import at_speed
 
@@ -47,27 +50,40 @@ to the second number.
 # Range of a Campbell diagram around one speed, below and above as a share of it
 ONE_SPEED = 0.5
 LOWEST = 60  # natural frequencies of a train of many disks
+BEYOND = 5  # natural frequencies that are listed above the highest excited one
 TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
 # Modal torque over the largest of the mode below which no table has a critical speed
 NEGLIGIBLE = 0.01
-# Speeds of the linear forced response at least: it costs little and has sharp peaks
-SPEEDS = 201
 
 
 def modes(report: Report) -> list[Block]:
-    """Show natural frequencies and the shapes of the first ones that strain links."""
+    """Show natural frequencies, and the shapes of the modes that the orders reach."""
     rpm = max(report.rpm)
     train = at_speed(report.train, rpm)
     remark = f"Stiffness or damping depends on the speed, and is that at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
-    elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
-    sheets = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
+    elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
+    highest = max(excited_orders(train, rpm=np.array([rpm])), default=0.0) * rpm / 60
+    reached = sum(natural.frequencies_hz[k] <= highest for k in elastic)
+    shown = elastic[: min(max(reached, TOGETHER), MOST)]
+    sheets = [shown[i : i + TOGETHER] for i in range(0, len(shown), TOGETHER)]
+    last = max([*elastic[: reached + BEYOND], BEYOND]) + 1
+    rows = len(table.columns[0])
+    left_out = (
+        f"{rows - last} higher natural frequencies are left out: the orders end at"
+        f" {highest:.4g} Hz."
+    )
     return [
-        table,
+        without(table, rows=last),
+        *[left_out] * (rows > last),
+        *separation_tables(
+            separations(train, natural, kinds), train.topology.operating_rpm
+        ),
         *[remark] * report.train.topology.depends_on_speed,
         *approximations(train),
         *(shapes_figure(train, natural, sheet, ratios) for sheet in sheets),
+        *modes_that_matter(train, natural, kinds, shown),
     ]
 
 
@@ -115,9 +131,15 @@ def campbell(report: Report) -> list[Block]:
         f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
         " the largest of their mode: left out here."
     )
+    # Of constant trains another part has the natural frequencies.
+    first, *parts, last = campbell_parts(main, count, misfires, names)
+    natural, _, _ = modes_of(at_speed(report.train, high), LOWEST)
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
-        *campbell_parts(main, count, misfires, names),
+        *[first] * report.train.topology.depends_on_speed,
+        *parts,
+        *critical_table(report, main.critical, natural),
+        *[last] * (not main.critical),  # it says so
         *[left_out] * bool(left),
     ]
 
@@ -127,15 +149,8 @@ def forced(report: Report) -> list[Block]:
     orders of those that swing most; of several misfires that which governs each
     element.
     """
-    low = min(report.rpm)
-    high = max(report.rpm)
-    speeds = np.unique(
-        [*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])]
-    )
-    responses = {
-        case.title: forced_response(case.answers[0].train, rpm=speeds)
-        for case in report.cases
-    }
+    speeds = report.fine_rpm
+    responses = report.responses
     normal, first = next(iter(responses.items()))
     elements = readings(first)
     converged = np.asarray(first.converged)

@@ -17,13 +17,12 @@ from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Block, Heading, Report, flowing
 from jaxhb.report.selection import subject_of
 from jaxhb.report.table import Column, Table
-from jaxhb.report.text.cases import hardest_of, speed_tables
+from jaxhb.report.text.cases import speed_tables
 from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
-from jaxhb.report.text.sweep_tables import speed_table, turning_table
+from jaxhb.report.text.sweep_tables import motion_sentences, speed_table, turning_table
 
-# Elements with a figure, of a kind and of two designs: those with the largest numbers
-MOST = 6
+# Elements with a figure of two designs, of a kind: those with the largest numbers
 BESIDE = 4
 # Meshes of the gear that are drawn over the cycle beside the one with the largest force
 MESHES = 3
@@ -36,41 +35,23 @@ def motions(report: Report) -> list[Block]:
     cases = report.shown
     quantity = quantities.main_quantity(report.train)
     blocks: list[Block] = []
+    if report.is_linear:
+        return [maxima(quantities.irregularity(report.train), cases)]
+    blocks += [
+        f"{case.title}: {' '.join(motion_sentences(case.answers))}" for case in cases
+    ]
     if len(report.rpm) > 1:
         caption = f"{quantity.title} of all, {quantity.unit}, and the kind of motion"
         blocks.append(over_speed(quantity, [""], cases, caption))
-    if len(report.cases) > 2:
-        blocks.append(_misfires(report))
     blocks += [speed_table(c.answers, f"Speed by speed, {c.title}") for c in cases]
     for case in cases:
         blocks += turning_table(case.answers, f", {case.title}")
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
 
 
-def _misfires(report: Report) -> Table:
-    """Make a table of every misfire: the largest number of all elements over the
-    speeds.
-    """
-    quantity = quantities.main_quantity(report.train)
-    rows = []
-    for case in report.cases:
-        hardest = hardest_of([case])
-        cells = (
-            [quantity.factor * hardest.value, f"{hardest.answer.rpm:g}", hardest.name]
-            if hardest
-            else [np.nan, NONE, NONE]
-        )
-        rows.append([case.title, *cells])
-    return Table(
-        f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}",
-        ["", Column(quantity.unit, "number"), "at rpm", "in"],
-        rows,
-    )
-
-
 def forces_over_speed(report: Report) -> list[Block]:
     """Show tooth forces and how long teeth are separated."""
-    blocks = swings(quantities.forces(report.train), report.shown)
+    blocks = _largest_numbers(report, quantities.forces(report.train))
     apart = quantities.separation(report.train)
     if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
@@ -80,8 +61,34 @@ def forces_over_speed(report: Report) -> list[Block]:
     return blocks
 
 
+def gears(report: Report) -> list[Block]:
+    """Show torques of gears."""
+    return _largest_numbers(report, quantities.gear_torques(report.train))
+
+
+def shafts(report: Report) -> list[Block]:
+    """Show torques of shafts and dampers, without links angles."""
+    links = report.train.topology.link_names
+    quantity = quantities.shaft_torques if links else quantities.angles
+    return _largest_numbers(report, quantity(report.train))
+
+
+def dampers(report: Report) -> list[Block]:
+    """Show the heat of dampers."""
+    return _largest_numbers(report, quantities.heat(report.train))
+
+
+def _largest_numbers(report: Report, quantity: quantities.Quantity) -> list[Block]:
+    """Show the largest numbers of all elements, in a list; of a linear train the part
+    on its forced response has them.
+    """
+    if report.is_linear or not quantity.names:
+        return []
+    return [maxima(quantity, report.shown)]
+
+
 def swings(
-    quantity: quantities.Quantity, cases: Sequence[Case], most: int = MOST
+    quantity: quantities.Quantity, cases: Sequence[Case], most: int
 ) -> list[Block]:
     """Show the largest numbers of all elements in a table, and the hardest worked over
     the speed; a list, empty without.
@@ -104,11 +111,16 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     """
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     contact = backlash and quantity.called == "tooth force"
+    unit = quantity.entry.unit
     columns: list[Column | str] = [quantity.element]
     for case in cases:
-        largest = Column("with" if backlash else quantity.unit, case.title)
+        head = "with" if backlash else quantity.placeholder
+        largest = Column(head, case.title, unit=unit)
         of_case = [largest, Column("at rpm")]
-        of_case += [Column("without", case.title), Column("ratio", ratio)] * backlash
+        of_case += [
+            Column("without", case.title, unit=unit),
+            Column("ratio", ratio),
+        ] * backlash
         of_case += [Column("separated %", percent), Column("impact m/s", hit)] * contact
         columns += [dataclasses.replace(each, group=case.title) for each in of_case]
     rows = [
@@ -126,7 +138,9 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
     return Table(
-        f"{quantity.title} over the speeds, {quantity.unit}{remark}", columns, rows
+        f"{quantity.title} over the speeds, {quantity.placeholder}{remark}",
+        columns,
+        rows,
     )
 
 
@@ -137,7 +151,7 @@ def _largest(
     have backlash the same without and their ratio, of tooth forces the worst contact.
     """
     answered = [answer for answer in case.answers if answer.answered]
-    values = quantity.of(case.answers, name)
+    values = quantity.numbers(case.answers, name)
     finite = np.isfinite(values)
     largest = max(values[finite], default=np.nan)
     cells = [largest, NONE]
@@ -149,7 +163,8 @@ def _largest(
         ]
     if not backlash:
         return cells
-    without = quantity.without(case.answers, name)
+    alone = [answer.without_backlash for answer in case.answers]
+    without = quantity.numbers(alone, name)
     # Both go over the same speeds: those that have an answer with backlash.
     before = max(without[finite & np.isfinite(without)], default=np.nan)
     cells += [before, (largest, before)]
@@ -183,12 +198,17 @@ def one_speed(report: Report) -> list[Block]:
     blocks: list[Block] = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
         lines = [f"{line[0].upper()}{line[1:]}." for line in status_lines(answer)]
-        blocks += [Heading(f"With {title}"), "\n".join([verdict(answer), *lines])]
+        blocks.append(Heading(f"With {title}"))
+        if not report.is_linear:
+            blocks.append("\n".join([verdict(answer), *lines]))
         if subject and answer.answered:
             caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject)}"
             caption += " and tooth forces" if meshes else ""
             blocks.append(cycle_figure(answer, subject, meshes, caption))
-    return blocks + speed_tables(report.shown, report.place)
+    # Of a linear train other parts have these numbers where they are largest.
+    return blocks + (
+        [] if report.is_linear else speed_tables(report.shown, report.place)
+    )
 
 
 def second_design(report: Report) -> list[Block]:

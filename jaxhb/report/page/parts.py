@@ -6,17 +6,27 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import heat_balance
+from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.figures.plotly import layout_of
+from jaxhb.report.page.words import Words
 from jaxhb.report.selection import cylinder_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
+from jaxhb.report.text.strength import answers_strength
+from jaxhb.results.answers import with_gaps
+from jaxhb.scene.title_block import TitleBlock
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
@@ -28,6 +38,8 @@ None shows nothing.
 """
 
 FULL = 95  # letters of a line of text that goes on in the next
+# Speeds of the linear forced response at least
+SPEEDS = 201
 ROWS = 150  # rows of a table that are shown
 
 
@@ -37,6 +49,10 @@ class Heading(str):
 
 class Sketch(str):
     """A block of a part: the sketch of the train as SVG."""
+
+
+class Strip(str):
+    """A block of a part: a strip of the equivalent system as SVG."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +66,8 @@ class Report:
     have it; tuning : words and tables that tell how it was found; tolerances : figures,
     words and tables on the effects of the tolerances of the scene; transient : words,
     tables and figures of a transient; facts : where the
-    page comes from;
-    description, scene : the description in the scene, and its text; elements,
+    page comes from; title, logo : title block, and its picture as an address that holds
+    it; description, scene : the description in the scene, and its text; elements,
     second_elements : the elements of the scenes of both designs by name, see
     :func:`jaxhb.scene.writer.elements_of`; files : names of the files that torques and
     cylinders take their rows from, see :func:`jaxhb.scene.writer.element_files`
@@ -66,6 +82,8 @@ class Report:
     tolerances: tuple = ()
     transient: tuple = ()
     facts: dict[str, str] = field(default_factory=dict)
+    title: TitleBlock = field(default_factory=TitleBlock)
+    logo: str = ""
     description: str = ""
     scene: str = ""
     elements: dict[str, Any] = field(default_factory=dict)
@@ -81,6 +99,49 @@ class Report:
     def rpm(self) -> list[float]:
         """Speeds."""
         return [answer.rpm for answer in self.cases[0].answers]
+
+    @property
+    def has_backlash(self) -> bool:
+        """Whether any mesh has backlash; without, the train is linear."""
+        return any(self.train.topology.mesh_backlash)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the linear forced response is the whole answer: no mesh has backlash
+        or varies, no shaft or damper has stages, stops, clearance or friction.
+        """
+        topology = self.train.topology
+        return not (self.has_backlash or topology.springs or topology.mesh_varies.any())
+
+    @property
+    def fine_rpm(self) -> np.ndarray:
+        """Speeds of linear calculations, those of the answers among them: they cost
+        little, and peaks are sharp.
+        """
+        low = min(self.rpm)
+        high = max(self.rpm)
+        more = np.linspace(low, high, SPEEDS)  # of one speed it is that again
+        return np.unique([*self.rpm, *more])
+
+    @cached_property
+    def responses(self) -> dict[str, ForcedResponse]:
+        """Linear forced response of every case by its title, at ``fine_rpm``."""
+        return {
+            case.title: heat_balance(case.answers[0].train, rpm=self.fine_rpm)
+            for case in self.cases
+        }
+
+    @cached_property
+    def strengths(self) -> dict[str, Strength]:
+        """Every case beside the limits of the scene, by its title: a linear train at
+        ``fine_rpm``, others at the speeds of their answers.
+        """
+        if not self.is_linear:
+            return {case.title: answers_strength(case.answers) for case in self.cases}
+        return {
+            title: strength(with_gaps(response), train=train_of(response))
+            for title, response in self.responses.items()
+        }
 
     @property
     def shown(self) -> list[Case]:
@@ -122,6 +183,34 @@ def table(
     return Table(title, [Column(head, cell) for head in heads], rows) if rows else None
 
 
+def without(table: Table, heads: Collection[str] = (), rows: int = ROWS) -> Table:
+    """Leave out the columns of a table with some heads and those of zeros only, and
+    all rows behind the first ``rows``.
+    """
+    groups = {
+        place: title
+        for title, first, last in table.groups
+        for place in range(first, last + 1)
+    }
+    kept = [
+        place
+        for place, (head, cells) in enumerate(
+            zip(table.heads, table.columns, strict=True)
+        )
+        if head not in heads and not all(cell == "0" for cell in cells)
+    ]
+    columns = [
+        Column(
+            table.heads[place],
+            group=groups.get(place, ""),
+            left=place in table.left,
+        )
+        for place in kept
+    ]
+    cells = [table.columns[place][:rows] for place in kept]
+    return Table(table.caption, columns, zip(*cells, strict=True), marked=table.marked)
+
+
 def flowing(text: str) -> str:
     """Join lines that are full with the next: the page breaks them where it likes.
 
@@ -133,8 +222,10 @@ def flowing(text: str) -> str:
     )
 
 
-def environment() -> Environment:
-    """Make the environment of templates, which escape their arguments."""
+def environment(words: Words | None = None) -> Environment:
+    """Make the environment of templates, which escape their arguments and replace
+    phrases by ``words``.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     assert __package__ is not None
@@ -145,8 +236,21 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"words": _words, "css": _css_text, "layout": layout_of}
-    kinds = {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}
+    words = words or Words()
+    templates.filters |= {
+        "left": _words,
+        "css": _css_text,
+        "layout": layout_of,
+        "told": words,
+        "told_figure": words.figure,
+    }
+    kinds = {
+        "table": Table,
+        "drawn": Figure,
+        "heading": Heading,
+        "sketch": Sketch,
+        "strip": Strip,
+    }
     for name, kind in kinds.items():
         templates.tests[name] = lambda block, kind=kind: isinstance(block, kind)
     templates.globals |= {"most": ROWS}

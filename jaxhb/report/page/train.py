@@ -13,10 +13,21 @@ import numpy as np
 from jaxhb.elements.declared import facts_of, unit_of
 from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques, scale_at
-from jaxhb.report.figures.sketch import plot_train
+from jaxhb.report.figures.equivalent import equivalent_system
+from jaxhb.report.figures.sketch import MOST, plot_train
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.differences import value_text
-from jaxhb.report.page.parts import Block, Report, Sketch, environment, table
+from jaxhb.report.page.judgement import linear_accuracy
+from jaxhb.report.page.parts import (
+    Block,
+    Heading,
+    Report,
+    Sketch,
+    Strip,
+    environment,
+    table,
+    without,
+)
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
@@ -30,6 +41,9 @@ OWN = (
     "firing_angle",
 )  # fields in which cylinders that are told together differ
 SPEEDS = 8  # speeds of a table, of more those that are spread evenly over them
+
+REFERRED = ("speed ratio i", "J i^2", "r i^2", "k i^2", "factor i")
+"""Heads of columns that tell nothing of a train that turns with one speed."""
 
 OF_GAS = (
     "cylinder",
@@ -48,21 +62,34 @@ Value = TypeVar("Value")
 
 
 def train_data(report: Report) -> list[Block]:
-    """Show the sketch, numbers as they are and referred, meshes, excitation and loads
-    of the train.
+    """Show the equivalent system and the sketch, numbers as they are and referred,
+    meshes, excitation and loads of the train.
     """
-    sketch: str
-    try:
-        content = io.StringIO()
-        # The page has a date of its own.
-        plot_train(report.train).savefig(content, format="svg", metadata={"Date": None})
-        # Inside HTML an SVG has no XML head.
-        _, svg, rest = content.getvalue().partition("<svg")
-        sketch = Sketch(svg + rest)
-    except ValueError as error:
-        sketch = f"No sketch: {error}"
-    tables = [*referred_tables(report.train), _meshes(report.train)]
-    return [sketch, *filter(None, tables), *excitation_tables(report)]
+    drawn = equivalent_system(report.train)
+    of_rotors = REFERRED if len({*report.train.topology.rotor}) == 1 else ()
+    referred = [without(each, of_rotors) for each in referred_tables(report.train)]
+    tables = [*referred, _meshes(report.train)]
+    return [
+        Heading(drawn.caption),
+        *map(Strip, drawn.strips),
+        *_sketch(report.train),
+        *filter(None, tables),
+        *excitation_tables(report),
+    ]
+
+
+def _sketch(train: DriveTrain) -> list[Block]:
+    """Draw the sketch of a train with gears, in a list; the equivalent system shows
+    other trains.
+    """
+    if not train.topology.mesh_names or train.topology.n_disks > MOST:
+        return []
+    content = io.StringIO()
+    # The page has a date of its own.
+    plot_train(train).savefig(content, format="svg", metadata={"Date": None})
+    # Inside HTML an SVG has no XML head.
+    _, svg, rest = content.getvalue().partition("<svg")
+    return [Sketch(svg + rest)]
 
 
 def _meshes(train: DriveTrain) -> Table | None:
@@ -391,6 +418,7 @@ def assumptions(report: Report) -> list[Block]:
     template = environment().get_template("assumptions.txt")
     text = template.render(report=report, means=mean_angles_of)
     return [
-        *text.splitlines(),
+        *filter(None, text.splitlines()),
+        *linear_accuracy(report),
         Table("Where this page comes from", ["", ""], report.facts.items()),
     ]

@@ -15,7 +15,6 @@ from jaxhb.report.quantities import (
     Quantity,
     number,
     number_for_people,
-    shown_unit,
 )
 from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.table import Column, Table
@@ -23,7 +22,6 @@ from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import (
     NONE,
     WAYS,
-    Way,
     ratio,
 )
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
@@ -45,24 +43,18 @@ from jaxhb.report.text.strength import (
 from jaxhb.results.quantities import VARIABLES, WITHOUT, names_of, variables_of
 from jaxhb.results.record import PERCENT
 
-RPM, _ = shown_unit("rad/s")
-
 
 def _of(head: str, variable: str, group: str = "") -> Column:
     """Column of a variable of data sets, by answer and name; numbers have the decimals
     of all others in the table in their unit, a way of their own takes SI units.
     """
     entry = VARIABLES[variable.removesuffix(WITHOUT)]
-    factor, unit = shown_unit(entry.unit)
-    way: Way = unit
-    if entry.way:
-        factor = 1.0
-        way = WAYS[entry.way]
     return Column(
         head,
-        way,
-        lambda answer, name: factor * number_for_people(answer, name, variable),
+        WAYS[entry.way] if entry.way else entry.unit,
+        lambda answer, name: number_for_people(answer, name, variable),
         group,
+        unit="" if entry.way else entry.unit,
     )
 
 
@@ -129,7 +121,8 @@ SPEEDS = (
     Column(
         "mean",
         "{:.6g}".format,
-        lambda answer, name: RPM * number(answer, name, "speed_mean"),
+        lambda answer, name: number(answer, name, "speed_mean"),
+        unit="rad/s",
     ),
     _of("half p-p", "speed_half_peak_to_peak"),
 )
@@ -196,7 +189,7 @@ def _tables(answer: Answer) -> Iterator[Table]:
     topology = answer.topology
     if topology.mesh_names:
         yield element_table(
-            "Tooth force, kN (elastic and damping; positive on the flank that drives,"
+            "Tooth force, {N} (elastic and damping; positive on the flank that drives,"
             " driven by: see Contact)",
             "mesh",
             FORCES,
@@ -212,7 +205,7 @@ def _tables(answer: Answer) -> Iterator[Table]:
         )
         yield from meshing_table(answer)
         yield element_table(
-            "Torque that a gear passes to its mates, N m",
+            "Torque that a gear passes to its mates, {N m}",
             "gear",
             [*_swings("gear_torque"), *_listed("gear")],
             answer,
@@ -222,19 +215,19 @@ def _tables(answer: Answer) -> Iterator[Table]:
         if any(topology.mesh_backlash):
             columns = _swings("torque")
         yield element_table(
-            "Torque of shafts and dampers, N m (mean: its size)",
+            "Torque of shafts and dampers, {N m} (mean: its size)",
             "shaft",
             (*columns, *_listed("shaft")),
             answer,
         )
     if not topology.link_names:
         yield element_table(
-            "Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer
+            "Vibratory angle of disks, {rad}", "disk", _linear_swings("angle"), answer
         )
     if answer.known and answer.response is not None:
         yield element_table(
-            "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean;"
-            " acceleration, rad/s2, half p-p",
+            "Speed of disks, {rad/s}; cyclic irregularity: (largest - smallest) / mean;"
+            " acceleration, {rad/s2}, half p-p",
             "disk",
             [*SPEEDS, *_listed("disk"), ACCELERATION],
             answer,
@@ -258,7 +251,7 @@ def meshing_table(answer: Answer) -> list[Table]:
         return []
 
     def whine(answer: Answer, name: str, k: int) -> float:
-        return float(answer.whine(name)[k]) / 1e3
+        return float(answer.whine(name)[k])
 
     def error(_: Answer, name: str) -> float:
         if response is None:
@@ -274,7 +267,10 @@ def meshing_table(answer: Answer) -> list[Table]:
             "Hz",
             lambda answer, name: answer.mesh_order(name) * answer.rpm / 60,
         ),
-        *(Column(f"order {k + 1} kN", "kN", partial(whine, k=k)) for k in range(3)),
+        *(
+            Column(f"order {k + 1} {{N}}", "N", partial(whine, k=k), unit="N")
+            for k in range(3)
+        ),
         Column("error p-p um", "um", error),
         Column("impacts mJ", "mJ", impacts),
     ]
@@ -298,20 +294,23 @@ def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
         return []
 
     def peak(answer: Answer, name: str, i: int) -> float:
-        return answer.force(name).per_cycle.peak[i] / 1e3
+        return answer.force(name).per_cycle.peak[i]
 
     columns = [
-        Column(f"{percentage} %", "kN", partial(peak, i=i))
+        Column(f"{percentage} %", "N", partial(peak, i=i), unit="N")
         for i, percentage in enumerate(PERCENT)
     ]
     title = (
-        f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded"
+        f"{begin}argest tooth force of a cycle, {{N}}: 5, 50 and 95 % of the recorded"
         " cycles stay below"
     )
     if not answer.state.period:  # what repeats has the same extremes in every record
         columns.append(
             Column(
-                "+-", "kN", lambda answer, name: answer.force(name).spread.peak / 1e3
+                "+-",
+                "N",
+                lambda answer, name: answer.force(name).spread.peak,
+                unit="N",
             )
         )
         title += (
@@ -390,13 +389,13 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
             _of("without", f"{variable}{WITHOUT}"),
             _against("ratio", variable),
         ]
-        return table(f"{quantity.title}, {quantity.unit}", quantity, columns)
+        return table(f"{quantity.title}, {quantity.placeholder}", quantity, columns)
 
     tables = []
     links = train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
         forces = table(
-            "Largest tooth force, kN, with and without backlash; share of the time"
+            "Largest tooth force, {N}, with and without backlash; share of the time"
             " separated and on the reverse flank",
             quantities.forces(train),
             COMPARED,
@@ -581,7 +580,7 @@ def _speed_table(cases: Sequence[Case], place: int) -> Table:
     for case in cases:
         hardest = hardest_at(case, place)
         quantity = hardest.quantity
-        value = quantity.factor * hardest.value
+        value = hardest.value
         firing = rows[0][1] if rows else value
         row = [case.title, value, (value, firing), hardest.name or NONE]
         if quantity.element == "mesh":
@@ -590,10 +589,11 @@ def _speed_table(cases: Sequence[Case], place: int) -> Table:
     meshing = quantity.element == "mesh"
     limited = len(rows[0]) > 4 + meshing
     return Table(
-        f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}",
+        f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm,"
+        f" {quantity.placeholder}",
         [
             "",
-            Column(quantity.unit, "number"),
+            Column(quantity.placeholder, "number", unit=quantity.entry.unit),
             Column("ratio", ratio),
             Column("in", left=True),
             *[Column("motion", left=True)] * meshing,

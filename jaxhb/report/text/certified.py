@@ -9,6 +9,7 @@ import numpy as np
 from jaxhb.report.answer import Answer
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import plain_number
+from jaxhb.report.units import shown_unit
 from jaxhb.results.bounds import MARGINS, NORM_MARGIN, ROW_SUM_MARGIN, Certificate
 
 _STABLE = {
@@ -42,9 +43,10 @@ def certificate_parts(answer: Answer, certificate: Certificate | str) -> list[st
             "Computed bound: no mesh has backlash: the equations are linear, solved to"
             " rounding."
         ]
-    forces = [float(answer.force(name).peak) / 1e3 for name in certificate.meshes]
+    factor, unit = shown_unit("N")
+    forces = [factor * float(answer.force(name).peak) for name in certificate.meshes]
     bounds = [
-        _force_and_bound(force, bound / 1e3)
+        _force_and_bound(force, factor * bound)
         for force, bound in zip(forces, certificate.force_bound, strict=True)
     ]
     rows = [
@@ -55,12 +57,13 @@ def certificate_parts(answer: Answer, certificate: Certificate | str) -> list[st
     ]
     force, bound = bounds[int(np.argmax(forces))]
     paragraph = (
-        f"Computed bound: the largest tooth force is {force} kN, within {bound} kN of"
-        f" that of a periodic motion of the train\n({MARGINS}; no proof).\nWhether that"
+        f"Computed bound: the largest tooth force is {force} {unit}, within {bound}"
+        f" {unit} of that of a periodic motion of the train\n({MARGINS}; no"
+        " proof).\nWhether that"
         f" motion is stable: {_STABLE[certificate.stable]}."
     )
     deflection = Column("deflection within um", _up)
-    table = Table("", ["mesh", "largest kN", "within kN", deflection], rows)
+    table = Table("", ["mesh", f"largest {unit}", f"within {unit}", deflection], rows)
     return [paragraph, table]
 
 

@@ -22,15 +22,17 @@ class Doubtful(float):
     """A number that is written with a mark behind it."""
 
 
-def alike(*columns: Sequence[float]) -> list[list[str]]:
+def alike(*columns: Sequence[float], least: int = 0) -> list[list[str]]:
     """Write columns of numbers with the same decimals: four significant digits for the
-    largest of all.
+    largest of all, and at ``least`` so many.
     """
     numbers = [[float(value) for value in column] for column in columns]
     largest = max(
         (abs(x) for column in numbers for x in column if math.isfinite(x)), default=0.0
     )
-    places = 0 if largest == 0 else min(max(3 - math.floor(math.log10(largest)), 0), 12)
+    places = least
+    if largest:
+        places = min(max(3 - math.floor(math.log10(largest)), least), 12)
     return [[_with_places(value, places) for value in column] for column in numbers]
 
 

@@ -6,18 +6,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from jaxhb._jax import Array, Number
 from jaxhb.elements.sentences import SceneError, suggestion
+from jaxhb.linear.contributions import Contributions, cylinder_contributions
 from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import span_of
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, ratio
@@ -29,12 +30,14 @@ from jaxhb.report.text.strength import (
     strength_columns,
     strength_record,
 )
+from jaxhb.report.units import shown_unit
 from jaxhb.results.answers import left_out, with_gaps
 from jaxhb.results.quantities import VIBRATIONS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires, Worst
+from jaxhb.train.drivetrain import DriveTrain
 
 SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
 # Amplitude of an order over the largest of its element from which it is not listed
@@ -109,6 +112,15 @@ class ElementReading:
             if ring
             else np.asarray(self.response.power(self.name))
         )
+
+    @property
+    def temperature(self) -> Array | None:
+        """Temperature ``(n,)`` in deg C at which the element gives off its heat; None
+        of those without a balance of heat.
+        """
+        if self.kind != "shafts" or not isinstance(self.response, ForcedResponse):
+            return None
+        return self.response.temperature(self.name)
 
     def most(self) -> tuple[Number, Number]:
         """The largest half peak-to-peak over the speeds that have an answer, and its
@@ -235,7 +247,6 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
     """One element speed by speed; nan where a speed has not converged."""
     signal = reading.signal
     places = reading.main()
-    factor, unit = reading.shown
     lines = signal.by_line()
     sizes = [
         signal.half_peak_to_peak,
@@ -243,10 +254,13 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
         *signal.amplitudes[:, places].T,
         *lines.values(),
     ]
-    values = [
-        np.where(converged, each, np.nan)
-        for each in (*(factor * size for size in sizes), reading.power)
-    ]
+    values = [np.where(converged, each, np.nan) for each in (*sizes, reading.power)]
+    warmth = []
+    if reading.temperature is not None:
+        warmth = [Column("deg C", "deg C"), Column("damping N m s/rad", "damping")]
+        warmth.append(Column("loss factor", "loss factor"))
+        warm = [reading.temperature, *_dampings(reading)]
+        values += [np.where(converged, each, np.nan) for each in warm]
     names = order_names(train_of(reading.response))
     orders = [f"order {names.number(order)}" for order in signal.orders[places]]
     orders += [f"{hz:g} Hz" for hz in lines]
@@ -254,15 +268,138 @@ def _speed_table(reading: ElementReading, converged: np.ndarray) -> Table:
     note = f"; {omitted} smaller orders are left out" if omitted else ""
     speeds = (f"{speed:g}" for speed in reading.response.rpm)
     return Table(
-        f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by"
-        f" order{note}",
+        f"{reading.name}, {{{reading.unit}}}: synthesis, sum of amplitudes, amplitudes"
+        f" by order{note}",
         [
             "rpm",
-            *(Column(head, "size") for head in ("half p-p", "sum", *orders)),
-            Column("heat W", "W"),
+            *(
+                Column(head, "size", unit=reading.unit)
+                for head in ("half p-p", "sum", *orders)
+            ),
+            Column("heat {W}", "W", unit="W"),
+            *warmth,
         ],
         zip(speeds, *values, strict=True),
     )
+
+
+def contributions_of(
+    train: DriveTrain, chosen: Sequence[ElementReading]
+) -> list[tuple[ElementReading, Contributions]]:
+    """Elements, and what each cylinder adds to them at the speed of their largest half
+    peak-to-peak; without those that have no answer.
+    """
+    added = []
+    for reading in chosen:
+        _, rpm = reading.most()
+        if np.isfinite(rpm):
+            read = partial(_signal, reading)
+            contributions = cylinder_contributions(train, read, rpm=[float(rpm)])
+            added.append((reading, contributions))
+    return added
+
+
+def _signal(reading: ElementReading, response: Response) -> Signal:
+    """The signal of the same element in another response."""
+    return reading.of(response).signal
+
+
+def contributions_text(reading: ElementReading, added: Contributions) -> Table:
+    """What each cylinder adds to the main orders of an element, as amplitude, and as
+    share in the direction of the whole.
+    """
+    factor, unit = reading.shown
+    names = order_names(train_of(reading.response))
+    columns: list[Column | str] = ["cylinder"]
+    shares = 100 * added.shares()[:, 0]
+    rows: list[list[Any]] = [[name] for name in (*added.cylinders, "all that excites")]
+    for place in reading.main():
+        group = f"order {names.number(added.orders[place])}"
+        columns += [
+            Column("amplitude", "size", group=group),
+            Column("share %", "{:.1f}".format, group=group),
+        ]
+        amplitudes = factor * np.abs([*added.parts[:, 0, place], added.total[0, place]])
+        for row, size, share in zip(
+            rows, amplitudes, [*shares[:, place], 100.0], strict=True
+        ):
+            row += [size, share]
+    return Table(
+        f"{reading.name} at {added.rpm[0]:g} rpm, {unit}: what each cylinder adds to"
+        " its orders, and the share of that in the direction of the whole",
+        columns,
+        rows,
+    )
+
+
+def contributions_record(
+    added: Sequence[tuple[ElementReading, Contributions]],
+) -> dict[str, Any]:
+    """The part of ``forced --by-cylinder --json``: amplitudes and phases by order, SI
+    units.
+    """
+    record = {}
+    for reading, one in added:
+        parts = dict(zip(one.cylinders, one.parts[:, 0], strict=True))
+        record[reading.csv_name] = {
+            "rpm": float(one.rpm[0]),
+            "orders": one.orders,
+            "cylinders": {name: _polar(part) for name, part in parts.items()},
+            "all": _polar(one.total[0]),
+        }
+    return {"by_cylinder": record} if record else {}
+
+
+def _polar(values: Array) -> dict[str, Array]:
+    """Magnitudes and phases of complex amplitudes."""
+    return {"amplitude": np.abs(values), "phase_deg": np.degrees(np.angle(values))}
+
+
+def _dampings(reading: ElementReading) -> np.ndarray:
+    """Damping in N m s/rad and loss factor ``(2, n)`` of a link that gives off its
+    heat, at its temperatures.
+    """
+    train = train_of(reading.response)
+    temperatures = reading.temperature
+    assert temperatures is not None
+    inside = np.clip(temperatures, *span_of(train, reading.name))
+    warm = [train.replace({f"{reading.name}.temperature": t}) for t in inside]
+    return np.array(
+        [
+            [float(each.value(f"{reading.name}.{field}")) for each in warm]
+            for field in ("damping", "loss_factor")
+        ]
+    )
+
+
+def _heat_table(readings: Sequence[ElementReading]) -> list[Table]:
+    """The largest temperature over the speeds of each link that gives off its heat, in
+    a list; ``readings`` at speeds that have an answer.
+    """
+    rows = []
+    for reading in readings:
+        if reading.temperature is None:
+            continue
+        hottest = int(np.argmax(reading.temperature))
+        rows.append(
+            [
+                reading.name,
+                reading.temperature[hottest],
+                f"{reading.response.rpm[hottest]:g}",
+                reading.power[hottest],
+                *_dampings(reading)[:, hottest],
+            ]
+        )
+    columns: list[Column | str] = [
+        "shaft",
+        Column("deg C", "deg C"),
+        "at rpm",
+        Column("heat W", "W"),
+        Column("damping N m s/rad", "damping"),
+        Column("loss factor", "loss factor"),
+    ]
+    caption = "Balance of heat: largest temperature over the speeds, and there"
+    return [Table(caption, columns, rows)] if rows else []
 
 
 def worst_tables(
@@ -273,19 +410,18 @@ def worst_tables(
     """
     converged = np.asarray(response.converged)
     names = order_names(train_of(response))
-    heads = [
-        Column("half p-p", "size", group="synthesis"),
-        Column("at rpm", group="synthesis"),
-        Column("sum", "size", group="sum of amplitudes"),
-        Column("at rpm", group="sum of amplitudes"),
-        Column("order", group="largest order"),
-        Column("amplitude", "size", group="largest order"),
-        Column("at rpm", group="largest order"),
-        Column("heat W", "W"),
-    ]
     tables = []
     for of_kind in by_kind(readings) if converged.any() else ():
-        factor, _ = of_kind[0].shown
+        heads = [
+            Column("half p-p", "size", group="synthesis", unit=of_kind[0].unit),
+            Column("at rpm", group="synthesis"),
+            Column("sum", "size", group="sum of amplitudes", unit=of_kind[0].unit),
+            Column("at rpm", group="sum of amplitudes"),
+            Column("order", group="largest order"),
+            Column("amplitude", "size", group="largest order", unit=of_kind[0].unit),
+            Column("at rpm", group="largest order"),
+            Column("heat {W}", "W", unit="W"),
+        ]
         rows = []
         for reading in (each.at(converged) for each in of_kind):
             signal = reading.signal
@@ -298,12 +434,12 @@ def worst_tables(
             row: list[Any] = [reading.name]
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [
-                    factor * values.max(),
+                    values.max(),
                     f"{rpm[values.argmax()]:g}" if values.max() > 0 else NONE,
                 ]
             row += [
                 names.number(signal.orders[order]) if moves else NONE,
-                factor * signal.amplitudes[speed, order],
+                signal.amplitudes[speed, order],
                 f"{rpm[speed]:g}" if moves else NONE,
                 reading.power.max(),
             ]
@@ -311,6 +447,8 @@ def worst_tables(
         tables.append(_over_speeds(of_kind, "largest over the speeds", heads, rows))
         if response.lines is not None:
             tables.append(_line_table(of_kind, converged))
+    if converged.any():
+        tables += _heat_table([reading.at(converged) for reading in readings])
     return tables
 
 
@@ -318,13 +456,12 @@ def _line_table(readings: Sequence[ElementReading], converged: np.ndarray) -> Ta
     """The largest amplitude of every line over the speeds that have an answer, of
     elements of one kind.
     """
-    factor, _ = readings[0].shown
     lines = [reading.at(converged).signal.by_line() for reading in readings]
     rows = [
-        [reading.name, *(factor * values.max() for values in of_element.values())]
+        [reading.name, *(values.max() for values in of_element.values())]
         for reading, of_element in zip(readings, lines, strict=True)
     ]
-    heads = [Column(f"{hz:g} Hz", "size") for hz in lines[0]]
+    heads = [Column(f"{hz:g} Hz", "size", unit=readings[0].unit) for hz in lines[0]]
     caption = "lines at fixed frequencies, largest amplitude over the speeds"
     return _over_speeds(readings, caption, heads, rows)
 
@@ -345,7 +482,7 @@ def _over_speeds(
 ) -> Table:
     """A table of elements of one kind."""
     kind = readings[0].kind
-    title = f"{TITLES[kind]}, {readings[0].shown[1]}: {caption}"
+    title = f"{TITLES[kind]}, {{{readings[0].unit}}}: {caption}"
     element = VIBRATIONS[KINDS[kind]].element
     return Table(title, [element, *columns], rows)
 
@@ -404,6 +541,8 @@ def _record(
             "phases_deg": signal.phases_deg[:, listed],
             "power_W": reading.power,
         }
+        if reading.temperature is not None:
+            record["temperature_deg_C"] = reading.temperature
         if signal.lines is not None:
             record["line_amplitudes"] = list(signal.by_line().values())
         return record | (
@@ -476,6 +615,8 @@ def _columns(
         for hz, amplitudes in signal.by_line().items():
             columns[f"{name} {hz:g} Hz {unit}"] = amplitudes
         columns[f"{name} heat W"] = reading.power
+        if reading.temperature is not None:
+            columns[f"{name} temperature deg C"] = reading.temperature
     columns |= strength_columns
     cells: dict[str, Any] = {
         "rpm": response.rpm,
@@ -624,7 +765,6 @@ def _misfire_parts(
         for reading in chosen
     )
     for reading in chosen:
-        factor, unit = reading.shown
         firing, _ = reading.most()
         rows = []
         for name, response in cases.items():
@@ -632,14 +772,20 @@ def _misfire_parts(
             rows.append(
                 [
                     titles[name],
-                    factor * value,
+                    value,
                     f"{rpm:g}" if value > 0 else NONE,
                     (value, firing),
                 ]
             )
         yield Table(
-            f"{reading.name}, {unit}: largest half peak-to-peak over the speeds",
-            ["", Column("half p-p", "size"), "at rpm", Column("ratio", ratio)],
+            f"{reading.name}, {{{reading.unit}}}: largest half peak-to-peak over the"
+            " speeds",
+            [
+                "",
+                Column("half p-p", "size", unit=reading.unit),
+                "at rpm",
+                Column("ratio", ratio),
+            ],
             rows,
         )
     if not each:
@@ -653,7 +799,6 @@ def misfire_tables(
     ``firing`` is the title of the train without a misfire.
     """
     for of_kind in by_kind(readings):
-        factor, _ = of_kind[0].shown
         rows: list[list[Any]] = []
         limited = any(worst[reading.name].share for reading in of_kind)
         for reading in of_kind:
@@ -662,8 +807,8 @@ def misfire_tables(
             rows.append(
                 [
                     reading.name,
-                    factor * largest,
-                    factor * misfire.value,
+                    largest,
+                    misfire.value,
                     (misfire.value, largest),
                     f"{misfire.rpm:g}" if misfire.value else NONE,
                     misfire.cylinder if misfire.value else NONE,
@@ -679,8 +824,8 @@ def misfire_tables(
             of_kind,
             f"largest half peak-to-peak over the speeds{by}",
             [
-                Column(firing, "size"),
-                Column("worst misfire", "size"),
+                Column(firing, "size", unit=of_kind[0].unit),
+                Column("worst misfire", "size", unit=of_kind[0].unit),
                 Column("ratio", ratio),
                 "at rpm",
                 Column("that of", left=True),

@@ -17,11 +17,11 @@ from jaxhb.design.measurements import COLUMNS
 from jaxhb.design.signals.orders import QUANTITIES, MeasuredOrders
 from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import NUMBERS, OrderNames, order_names
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.tuned import bounds_text, parameter_unit
+from jaxhb.report.units import shown_unit
 from jaxhb.results.quantities import MEASURED
 
 

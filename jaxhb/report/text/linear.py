@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array
+from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.critical import (
     ELASTIC,
@@ -19,15 +20,22 @@ from jaxhb.linear.critical import (
     shares_in_mode,
 )
 from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.heat import span_of, warm_names
 from jaxhb.linear.holzer import HolzerTable
+from jaxhb.linear.margins import Separation
 from jaxhb.linear.modal import Modes
 from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
+from jaxhb.linear.vector_sums import VectorSums
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
+from jaxhb.report.text.strength import AID
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
 
+MOST_MODES = 4  # of vector sums in a table: files have all
+SMALL = 1e-9  # vector sum below which its direction is rounding
 FIRST = 3  # modes whose energies or tables are shown unless some are chosen
 
 SCALE = (
@@ -131,6 +139,160 @@ def modes_record(
     }
 
 
+def vector_text(sums: VectorSums, modes: Modes, names: OrderNames) -> list[Table]:
+    """Firing angles, and sums by order: of unit vectors, and weighted by the first
+    modes; a star marks the major orders.
+    """
+    firings = sorted(
+        zip(sums.firing_deg.tolist(), sums.cylinders, strict=True),
+        key=lambda pair: pair[0],
+    )
+    major = sums.major()
+    shown = range(min(MOST_MODES, len(sums.modes)))
+    columns: list[Column | str] = [
+        "order",
+        Column("sum", "{:.3f}".format),
+        "deg",
+    ]
+    for k in shown:
+        number = sums.modes[k]
+        title = f"mode {number}, {modes.frequencies_hz[number]:.4g} Hz"
+        columns += [
+            Column("sum", "{:.3f}".format, group=title),
+            Column("deg", group=title),
+        ]
+    rows = []
+    for place, order in enumerate(sums.orders):
+        vectors = [sums.sums[place], *sums.mode_sums[list(shown), place]]
+        row: list[Any] = [f"{names.number(order)}{' *' * bool(major[place])}"]
+        for vector in vectors:
+            row += [abs(vector), _direction(vector)]
+        rows.append(row)
+    return [
+        Table(
+            "Cylinders that fire, deg of their own rotor",
+            ["cylinder", Column("firing deg", "{:g}".format)],
+            [[name, angle] for angle, name in firings],
+        ),
+        Table(
+            "Vector sums of exp(i order x firing angle): all cylinders alike, and"
+            " weighted by their angles in modes whose largest angle is 1 (* major"
+            " order: all in one direction)",
+            columns,
+            rows,
+        ),
+    ]
+
+
+def _direction(vector: complex) -> str:
+    """Direction of a sum in deg, none of one that is only rounding."""
+    if abs(vector) < SMALL:
+        return NONE
+    if abs(vector.imag) < SMALL * abs(vector):
+        # Rounding of the imaginary part would choose between 180 and -180.
+        return "0.0" if vector.real > 0.0 else "180.0"
+    return f"{np.degrees(np.angle(vector)):.1f}"
+
+
+def vector_record(sums: VectorSums) -> dict[str, Any]:
+    """The part of ``modes --vector-sums --json``."""
+    return {
+        "vector_sums": {
+            "cylinders": sums.cylinders,
+            "firing_deg": sums.firing_deg,
+            "orders": sums.orders,
+            "major": sums.major(),
+            "sum": _polar(sums.sums),
+            "modes": sums.modes,
+            "amplitudes": sums.amplitudes,
+            "mode_sums": _polar(sums.mode_sums),
+        }
+    }
+
+
+def _polar(vectors: Array) -> dict[str, Array]:
+    """Magnitudes and directions of vectors."""
+    return {"magnitude": np.abs(vectors), "deg": np.degrees(np.angle(vectors))}
+
+
+def vector_sheet(sums: VectorSums) -> Sheet:
+    """A row for every order, sums of unit vectors and of modes."""
+    heads = ["order", "sum", "sum deg"]
+    for number in sums.modes:
+        heads += [f"mode {number} sum", f"mode {number} deg"]
+    rows = []
+    for place, order in enumerate(sums.orders.tolist()):
+        vectors = [sums.sums[place], *sums.mode_sums[:, place]]
+        row = [order]
+        for vector in vectors:
+            row += [float(abs(vector)), float(np.degrees(np.angle(vector)))]
+        rows.append(row)
+    return Sheet(heads, rows)
+
+
+def separation_tables(
+    separations: Sequence[Separation], operating_rpm: Sequence[float]
+) -> list[Table]:
+    """The nearest excitation of every mode, a table for each rule."""
+    return [
+        _table([row for row in separations if row.rule == rule], operating_rpm)
+        for rule in dict.fromkeys(row.rule for row in separations)
+    ]
+
+
+def _table(rows: Sequence[Separation], operating_rpm: Sequence[float]) -> Table:
+    """The nearest excitation of every mode after one rule."""
+    nearest: dict[int, Separation] = {}
+    for row in rows:
+        before = nearest.setdefault(row.mode, row)
+        nearest[row.mode] = min(before, row, key=lambda each: each.margin)
+    rule = MARGINS[rows[0].rule]
+    low, high = operating_rpm
+    missed = sum(not row.kept for row in nearest.values())
+    verdict = f"{missed} of {len(nearest)} TOO CLOSE" if missed else "all kept"
+    return Table(
+        f"Separation margins after {rule.source}, {low:g} to {high:g} rpm: {verdict};"
+        f" to be checked against the current text ({AID})",
+        [
+            Column("mode", read=lambda row: str(row.mode)),
+            Column("Hz", "hz", lambda row: row.hz),
+            Column("rotor of", read=lambda row: row.rotor),
+            Column("order", read=lambda row: f"{row.order}x"),
+            Column("from Hz", "hz", lambda row: row.low_hz),
+            Column("to Hz", "hz", lambda row: row.high_hz),
+            Column("margin %", "{:.1f}".format, lambda row: 100 * row.margin),
+            Column("", read=lambda row: "" if row.kept else "TOO CLOSE"),
+        ],
+        list(nearest.values()),
+    )
+
+
+def separation_record(separations: Sequence[Separation]) -> dict[str, Any]:
+    """Record of all margins, ``{"separation_margins": ...}``; empty without rules."""
+    if not separations:
+        return {}
+    rows = [vars(row) | {"margin": row.margin, "kept": row.kept} for row in separations]
+    return {"separation_margins": rows}
+
+
+def _outside_rows(train: DriveTrain, response: ForcedResponse) -> list[str]:
+    """Sentences on links whose temperature lies outside the rows of their numbers."""
+    sentences = []
+    for name in warm_names(train.topology):
+        temperatures = response.temperature(name)
+        (lowest, highest) = span_of(train, name)
+        if temperatures is None:
+            continue
+        outside = (temperatures < lowest) | (temperatures > highest)
+        if np.any(outside):
+            sentences.append(
+                f"{name}: at {np.sum(outside)} of {outside.size} speeds its temperature"
+                f" lies outside over_temperature, {lowest:g} to {highest:g} deg C,"
+                " where its numbers are those of the nearest row."
+            )
+    return sentences
+
+
 def approximations(
     train: DriveTrain,
     rpm: Sequence[float] | Array | None = None,
@@ -151,7 +313,7 @@ def approximations(
     loads = []
     if springs:
         loads = [at_pressed_load(train, rpm=float(speed)) for speed in speeds]
-    sentences = []
+    sentences = [] if response is None else _outside_rows(train, response)
     for place, (link, kinds) in enumerate(springs.items()):
         name = topology.link_names[link]
         if "stages" in kinds or "stops" in kinds:
@@ -361,16 +523,21 @@ def holzer_text(
     """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), with
     ``teeth`` as of :func:`modes_text`.
     """
+    return "\n\n".join(holzer_parts(tables, name, teeth))
+
+
+def holzer_parts(
+    tables: Iterable[tuple[int | None, HolzerTable]], name: str, teeth: str = ""
+) -> list[str]:
+    """Words on Holzer's tables, and the tables, as of :func:`holzer_text`."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
-    return "\n\n".join(
-        [
-            f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
-            f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
-            " kinetic energy.\nThe sum of a row passes through its link.",
-            *(_holzer_table(mode, table) for mode, table in tables),
-        ]
-    )
+    return [
+        f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc"
+        f" N m/rad, sum/c rad{meshes}. Energies of disk and link in % of the"
+        " kinetic energy.\nThe sum of a row passes through its link.",
+        *(_holzer_table(mode, table) for mode, table in tables),
+    ]
 
 
 def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
@@ -489,13 +656,13 @@ def campbell_parts(
             names.number(critical.order),
             critical.mode,
             f"{critical.hz:.2f}",
-            plain_number(critical.torque),
+            critical.torque,
         ]
         for critical in diagram.critical
     ]
     for place, row in enumerate(rows if misfires else ()):
         cylinder, torque = _worst_at(place, misfires)
-        row += [plain_number(torque), cylinder]
+        row += [torque, cylinder]
     critical_speeds = Table(
         f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}.",
         [
@@ -503,8 +670,8 @@ def campbell_parts(
             "order",
             "mode",
             "Hz",
-            "modal torque N m",
-            *["worst misfire N m"] * bool(misfires),
+            Column("modal torque {N m}", plain_number, unit="N m"),
+            *[Column("worst misfire {N m}", plain_number, unit="N m")] * bool(misfires),
             *[Column("that of", left=True)] * bool(misfires),
         ],
         rows,
@@ -523,7 +690,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
             line.mode,
             f"{line.mode_hz:.2f}",
             f"{100 * line.apart:+.1f}",
-            plain_number(line.torque),
+            line.torque,
             *([] if line.rpm is None else [f"{line.rpm:.1f}"]),
         ]
         for line in diagram.lines
@@ -537,7 +704,7 @@ def _line_table(diagram: Campbell) -> list[Table]:
                 "mode",
                 "mode Hz",
                 "apart %",
-                "modal torque N m",
+                Column("modal torque {N m}", plain_number, unit="N m"),
                 *["rpm"] * (not at_every_speed),
             ],
             rows,

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxhb.linear.strength import train_of
 from jaxhb.report.text.columns import plain_number
+from jaxhb.report.units import said
 from jaxhb.results.response import Response
 from jaxhb.train.checks.plausible import compressors
 from jaxhb.train.excitation import excitation
@@ -65,8 +66,7 @@ def balance_line(response: Response) -> str:
 
     def torques_text(torques: Mapping[str, float], sign: int) -> str:
         return ", ".join(
-            f"{name} takes"
-            f" {plain_number(sign * torque) if abs(torque) > least else 0} N m"
+            f"{name} takes {said(sign * torque if abs(torque) > least else 0.0, 'N m')}"
             for name, torque in torques.items()
         )
 
@@ -110,7 +110,7 @@ def _noted(responses: Sequence[Response], torques: Sequence[float]) -> str:
     if not places:
         return ""
     worst = max(places, key=torques.__getitem__)
-    return f"{plain_number(torques[worst])} N m{speed_of(responses, worst)}"
+    return f"{said(torques[worst], 'N m')}{speed_of(responses, worst)}"
 
 
 def torque_notes(responses: Sequence[Response]) -> list[str]:

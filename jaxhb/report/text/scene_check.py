@@ -15,7 +15,11 @@ from jaxhb.design.tolerances import read_tolerances
 from jaxhb.elements.sentences import SceneError
 from jaxhb.equations.fourier import sample
 from jaxhb.excitation.gas import charge_pressures, load_share
+from jaxhb.excitation.mean_torques import mean_gas_torques
+from jaxhb.excitation.tables import COMPUTED, TANGENTIAL
 from jaxhb.linear.strength import train_of
+from jaxhb.linear.tangential import TangentialTable
+from jaxhb.report.files.output import Sheet
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, fixed, plain_number
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
@@ -33,12 +37,18 @@ from jaxhb.train.excitation import (
     mean_torques,
     speeds as excitation_speeds,
 )
-from jaxhb.train.kinematics import Referred, referred, tooth_damping_ratios
+from jaxhb.train.kinematics import (
+    Referred,
+    referred,
+    speed_ratios,
+    tooth_damping_ratios,
+)
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
 from jaxhb.train.varying import tables_at
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
+FEW = 2  # names of cylinders alike that are all told
 SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
 
 
@@ -312,7 +322,8 @@ def check_text(
     """
     topology = train.topology
     places = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
-    means = [Column(place, "mean") for place in places]
+    torque_means = [Column(place, "mean", unit="N m") for place in places]
+    force_means = [Column(place, "mean", unit="N") for place in places]
     verdict = (
         f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "no notes"
     )
@@ -324,11 +335,12 @@ def check_text(
     if torques:
         parts.append(
             Table(
-                "Mean torque on the disk's own shaft, N m (positive: drives)",
-                ["", Column("disk", left=True), *means],
+                "Mean torque on the disk's own shaft, {N m} (positive: drives)",
+                ["", Column("disk", left=True), *torque_means],
                 torques,
             )
         )
+    parts += _cylinder_tables(train, speeds, places)
     parts += _line_table(train, speeds, places)
     parts += _charge_table(
         train, [float(response.rpm) for response in responses], places
@@ -338,7 +350,7 @@ def check_text(
     rows = [
         [
             name,
-            *(1e-3 * abs(mean) for mean in _means(responses, name)),
+            *(abs(mean) for mean in _means(responses, name)),
             _drivers(responses, i),
             f"{1e3 * backlash:.4g}" if topology.mesh_backlash[i] else NONE,
             fixed(float(ratios[i]), 4),
@@ -350,9 +362,9 @@ def check_text(
     if rows:
         parts.append(
             Table(
-                "Mean tooth force, kN, backlash, and damping ratio of the two gears"
+                "Mean tooth force, {N}, backlash, and damping ratio of the two gears"
                 " alone",
-                ["mesh", *means, "driven by", "backlash mm", "damping ratio"],
+                ["mesh", *force_means, "driven by", "backlash mm", "damping ratio"],
                 rows,
             )
         )
@@ -394,10 +406,10 @@ def _line_table(
     lines = lines_of(train, speeds or [ANY_SPEED])
     rows = [[name, f"{hz:g}", *sizes] for name, hz, sizes in lines]
     caption = (
-        "Lines of torques at fixed frequencies, amplitude in N m; jaxhb forced takes"
+        "Lines of torques at fixed frequencies, amplitude in {N m}; jaxhb forced takes"
         " them, and jaxhb.transient"
     )
-    amplitudes = [Column(place, "amplitude") for place in places]
+    amplitudes = [Column(place, "amplitude", unit="N m") for place in places]
     return [Table(caption, ["", "Hz", *amplitudes], rows)] if rows else []
 
 
@@ -514,12 +526,146 @@ def check_record(
             for i, name in enumerate(train.topology.mesh_names)
         },
         "not_firing": train.not_firing(),
+        "cylinders": cylinders_of(train, speeds),
         "combustion": {
             name: {"load": load, "charge_pressure_Pa": [1e5 * bar for bar in charge]}
             for name, (load, charge) in charges_of(train, speeds).items()
         },
         "notes": notes,
     }
+
+
+def cylinders_of(
+    train: DriveTrain, speeds: Sequence[float]
+) -> dict[str, dict[str, Any]]:
+    """Mass, crank and firing of the cylinders by their names, and over the speeds the
+    mean indicated pressure (Pa) and the power of the gas (W); None where the scene does
+    not tell.
+    """
+    topology = train.topology
+    seats = topology.cylinders
+    numbers = train.cylinders
+    rpm = np.array(speeds, dtype=float)
+    means = np.asarray(mean_gas_torques(numbers, seats, rpm))
+    ratio = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
+    cylinders = {}
+    for i, name in enumerate(seats.names):
+        stroke = float(numbers.stroke[i])
+        swept = float(np.pi / 4 * numbers.bore[i] ** 2) * stroke
+        turns = seats.revolutions[i] * seats.every[i]
+        has_cycle = swept > 0 and seats.source[i] in (*COMPUTED, TANGENTIAL)
+        work = 2 * np.pi * turns * means[:, i]
+        speed = 2 * np.pi / 60 * ratio[seats.disk[i]] * rpm
+        cylinders[name] = {
+            "firing_deg": float(numbers.firing_angle[i]),
+            "reciprocating_mass_kg": float(numbers.reciprocating_mass[i]) or None,
+            "crank_radius_m": 0.5 * stroke or None,
+            "swept_volume_m3": swept or None,
+            "imep_Pa": (work / swept).tolist() if has_cycle else None,
+            "power_W": (means[:, i] * speed).tolist(),
+        }
+    return cylinders
+
+
+def _cylinder_tables(
+    train: DriveTrain, speeds: Sequence[float] | None, places: Sequence[str]
+) -> list[str]:
+    """A row for cylinders with the same numbers, and when each fires, in a list;
+    ``speeds`` None where no torque depends on them.
+    """
+    cylinders = cylinders_of(train, speeds or [ANY_SPEED])
+    if not cylinders:
+        return []
+    columns: list[Column | str] = ["cylinder", "kg", "radius mm", "litre"]
+    for place in places:
+        columns.append(Column("imep bar", group=place))
+        # Where torques do not depend on the speed, none is told, and so no power.
+        columns += [Column("kW", group=place)] * bool(speeds)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, numbers in cylinders.items():
+        cells = [
+            _scaled(numbers["reciprocating_mass_kg"], 1.0),
+            _scaled(numbers["crank_radius_m"], 1e3),
+            _scaled(numbers["swept_volume_m3"], 1e3),
+        ]
+        pressures = numbers["imep_Pa"] or [None] * len(places)
+        for pressure, power in zip(pressures, numbers["power_W"], strict=True):
+            cells.append(_scaled(pressure, 1e-5))
+            cells += [_scaled(power, 1e-3)] * bool(speeds)
+        alike.setdefault(tuple(cells), []).append(name)
+    firing = sorted(cylinders, key=lambda name: cylinders[name]["firing_deg"])
+    angles = ", ".join(f"{name} {cylinders[name]['firing_deg']:g}" for name in firing)
+    return [
+        Table(
+            "Of each cylinder: reciprocating mass, crank radius, swept volume, and of"
+            " its gas the mean indicated pressure and the power",
+            columns,
+            [[_together(names), *cells] for cells, names in alike.items()],
+        ),
+        f"Firing angles, deg of the crank: {angles}.",
+    ]
+
+
+def _together(names: Sequence[str]) -> str:
+    """Names of cylinders alike, of many the first and the last."""
+    if len(names) <= FEW:
+        return ", ".join(names)
+    return f"{names[0]} ... {names[-1]} ({len(names)} alike)"
+
+
+def _scaled(number: float | None, factor: float) -> str:
+    """A number of four digits in another unit, none where there is none."""
+    return NONE if number is None else f"{factor * number:.4g}"
+
+
+def tangential_text(table: TangentialTable) -> Table:
+    """Tangential pressures by order, of every mean indicated pressure."""
+    columns: list[Column | str] = [Column("order", "{:g}".format)]
+    rows = [[order] for order in table.orders.tolist()]
+    parts = zip(
+        table.imep,
+        1e-6 * table.amplitude,
+        table.phase_deg,
+        1e-6 * table.cosine,
+        1e-6 * table.sine,
+        strict=True,
+    )
+    for imep, amplitudes, phases, cosines, sines in parts:
+        group = f"p_mi {1e-6 * imep:.4g} N/mm2" if imep else "compression alone"
+        columns += [
+            Column("N/mm2", "{:.4f}".format, group=group),
+            Column("deg", "{:.1f}".format, group=group),
+            Column("cosine", "{:+.4f}".format, group=group),
+            Column("sine", "{:+.4f}".format, group=group),
+        ]
+        for row, *numbers in zip(rows, amplitudes, phases, cosines, sines, strict=True):
+            row += numbers
+    return Table(
+        f"Tangential pressure of {table.cylinder} at {table.rpm:g} rpm: amplitude x"
+        " cos(order x crank angle from firing + phase), p_mi: mean indicated pressure",
+        columns,
+        rows,
+    )
+
+
+def tangential_record(table: TangentialTable) -> dict[str, Any]:
+    """The part of ``check --excitation --json``, lists by mean indicated pressure."""
+    return {
+        "cylinder": table.cylinder,
+        "rpm": table.rpm,
+        "stroke_cycle": table.stroke_cycle,
+        "orders": table.orders,
+        "imep_Pa": table.imep,
+        "amplitude_Pa": table.amplitude,
+        "phase_deg": table.phase_deg,
+        "cosine_Pa": table.cosine,
+        "sine_Pa": table.sine,
+    }
+
+
+def tangential_sheet(table: TangentialTable) -> Sheet:
+    """Rows as ``cosine_sine`` of a scene reads them."""
+    return Sheet(["order", "imep Pa", "cosine Pa", "sine Pa"], table.rows())
 
 
 def _counts(topology: Topology) -> str:

@@ -13,10 +13,10 @@ from jaxhb._jax import Number
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
 from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, SweepAxis
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
+from jaxhb.report.units import shown_unit
 from jaxhb.results.record import Record
 from jaxhb.results.status import Homotopy, NewtonOnSweeps, Shooting, Status
 from jaxhb.steady.closure import SPREAD
@@ -325,7 +325,7 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
         least = int(np.argmin(means))
         mean = means[least]
         at_speed = speed_of(answers, least) if max(means) > 1.05 * mean else ""
-        mean_force = f"the mean tooth force of {_kN(mean)}{at_speed}"
+        mean_force = f"the mean tooth force of {_force(mean)}{at_speed}"
         for trait, force, share, remedy in (
             (
                 "the spring in the gap carries up to",
@@ -342,7 +342,7 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
         ):
             if force > share * mean:
                 sentences.append(
-                    f"{name}: {trait} {_kN(force)}, more than {100 * share:g} % of"
+                    f"{name}: {trait} {_force(force)}, more than {100 * share:g} % of"
                     f" {mean_force}: {remedy}."
                 )
         pulling = [
@@ -352,7 +352,7 @@ def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
             pulling_meshes.append(
-                f"{_kN(pulling[hardest])}{speed_of(answers, hardest)} in {name}"
+                f"{_force(pulling[hardest])}{speed_of(answers, hardest)} in {name}"
             )
     if pulling_meshes:
         sentences.append(
@@ -410,9 +410,10 @@ def firing_lines(*trains: DriveTrain) -> list[str]:
     return [f"Not firing, {computed}."] if computed else []
 
 
-def _kN(force: Number) -> str:
-    """A force in N as text in kN."""
-    return f"{force / 1e3:.3g} kN"
+def _force(force: Number) -> str:
+    """A force in N in the unit for people."""
+    factor, unit = shown_unit("N")
+    return f"{factor * force:.3g} {unit}"
 
 
 def warnings(answers: Iterable[Answer]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Stresses, tooth torques and heat beside their limits, as text and as plain
+"""Stresses, torques, heat and vibrations beside their limits, as text and as plain
 numbers.
 """
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb._shown import ranges
-from jaxhb.elements.rules import RULES
+from jaxhb.elements.rules import Rule
 from jaxhb.linear.strength import (
     NEAR,
     BarredRange,
+    Bounded,
     Heat,
     Strength,
     Stress,
@@ -22,9 +23,9 @@ from jaxhb.linear.strength import (
     judged,
 )
 from jaxhb.report.answer import UNCONFIRMED, Answer
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, ratio
+from jaxhb.report.units import said, shown_unit
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -36,7 +37,8 @@ ENOUGH = 50  # speeds from which barred ranges are found
 class Limited:
     """A kind of rows of a :class:`jaxhb.Strength`: title of its table, head of its
     elements, SI unit, heads of its numbers in tables and CSV files (the first has the
-    second as its limit), and what figures call its limits.
+    second as its limit), what figures call its limits, and what readers are told of it
+    below the tables.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Limited:
     si_unit: str
     heads: dict[str, tuple[str, str]]
     limits: dict[str, str]
+    note: str = ""
 
     @property
     def field(self) -> str:
@@ -65,7 +68,14 @@ class Limited:
         """Factor from the SI unit, and the unit for people."""
         return shown_unit(self.si_unit)
 
-    def worst(self, row: Stress | ToothTorque | Heat) -> tuple[float, int | None]:
+    @property
+    def suffix(self) -> str:
+        """End of the keys of its numbers in JSON files, the SI unit."""
+        return "" if self.si_unit == "1" else f"_{self.si_unit.replace(' ', '')}"
+
+    def worst(
+        self, row: Stress | ToothTorque | Heat | Bounded
+    ) -> tuple[float, int | None]:
         """The largest share of the first limit, nan without one, and its place: without
         one that of the largest number; None where nothing is known.
         """
@@ -80,9 +90,18 @@ class Limited:
         return float(shares[place]), place
 
 
+def _bounded(
+    title: str, element: str, si_unit: str, called: str, limit: str, note: str = ""
+) -> Limited:
+    """Make the kind of :class:`jaxhb.linear.strength.Bounded` numbers."""
+    heads = {"value": (called, called), "limit": ("limit", limit)}
+    return Limited(f"{title} ({AID})", element, si_unit, heads, {"limit": limit}, note)
+
+
 LIMITED = {
     "stresses": Limited(
-        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
+        "Torsional stress of shafts, {Pa}: half of peak-to-peak torque / W_p"
+        f" ({AID})",
         "shaft",
         "Pa",
         {
@@ -93,7 +112,7 @@ LIMITED = {
         {"continuous": "continuous limit", "transient": "transient limit"},
     ),
     "tooth_torques": Limited(
-        "Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of"
+        "Torque of meshes on the first gear, {N m}: half peak-to-peak, limit a third of"
         f" the rated torque ({AID})",
         "mesh",
         "N m",
@@ -105,11 +124,74 @@ LIMITED = {
         {"limit": "a third of the rated torque"},
     ),
     "heat": Limited(
-        f"Heat of shafts and dampers, W ({AID})",
+        f"Heat of shafts and dampers, {{W}} ({AID})",
         "shaft or damper",
         "W",
         {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
         {"limit": "limit"},
+    ),
+    "mean_torques": _bounded(
+        "Mean torque of couplings, N m, beside the nominal torque T_KN",
+        "coupling",
+        "N m",
+        "mean torque",
+        "nominal torque",
+    ),
+    "vibratory_torques": _bounded(
+        "Vibratory torque of couplings, N m: half peak-to-peak, beside the permissible"
+        " one T_KW",
+        "coupling",
+        "N m",
+        "vibratory torque",
+        "permissible vibratory torque",
+    ),
+    "largest_torques": _bounded(
+        "Largest torque of couplings, N m, beside the maximum torque T_Kmax",
+        "coupling",
+        "N m",
+        "largest torque",
+        "maximum torque",
+    ),
+    "speeds": _bounded(
+        "Speed of couplings, rpm of their own rotor",
+        "coupling",
+        "rpm",
+        "speed",
+        "speed limit",
+    ),
+    "crank_stresses": _bounded(
+        "Alternating torsional stress of crankshafts, MPa: nominal one times the larger"
+        " of its factors",
+        "shaft",
+        "Pa",
+        "alternating stress",
+        "limit of alternating stress",
+        "Alternating stresses of crankshafts are the part of IACS UR M53 that is"
+        " torsion: half of peak-to-peak torque / W_p\ntimes alpha_T or beta_T of"
+        " fillets, gamma_T of oil bores, against the limit that the scene gives."
+        " Bending and its\ncombination with torsion, and the acceptability factor, are"
+        " out of reach of this program.",
+    ),
+    "angles": _bounded(
+        "Vibratory angle of disks, deg: half peak-to-peak",
+        "disk",
+        "rad",
+        "vibratory angle",
+        "limit of the vibratory angle",
+    ),
+    "irregularities": _bounded(
+        "Cyclic irregularity of disks, %: (largest - smallest) / mean speed",
+        "disk",
+        "1",
+        "cyclic irregularity",
+        "limit of cyclic irregularity",
+    ),
+    "accelerations": _bounded(
+        "Angular acceleration of disks, rad/s2: half peak-to-peak",
+        "disk",
+        "rad/s2",
+        "angular acceleration",
+        "limit of angular acceleration",
     ),
 }
 """Kinds of rows by the fields of a :class:`jaxhb.Strength`."""
@@ -132,9 +214,10 @@ class Share:
     @property
     def said(self) -> str:
         """The limit in a sentence: ``the continuous limit``."""
-        return {"limit": "its limit", "continuous limit": "the continuous limit"}.get(
-            self.kind.limit, self.kind.limit
-        )
+        limit = self.kind.limit
+        if limit == "limit":
+            return "its limit"
+        return limit if limit.startswith("a ") else f"the {limit}"
 
 
 def largest_shares(
@@ -201,11 +284,13 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
         ]
         if any(row.continuous is not None for row in strength.stresses.values()):
             for name in strength.judged:
-                rule = RULES[name]
+                rule = strength.known[name]
                 note = rule.note.format(source=rule.source, rated=strength.rated_rpm)
                 sources[note] = None
                 if len(strength.rpm) > 1:
                     blocks.append(_barred_text(strength, name))
+        notes = [LIMITED[kind].note for kind in LIMITED if getattr(strength, kind)]
+        sources |= dict.fromkeys(filter(None, notes))
         if title and blocks:
             blocks[0] = f"{title}\n{blocks[0]}"
         parts += blocks
@@ -220,13 +305,11 @@ def _table(strength: Strength, kind: str) -> Table:
     rows = []
 
     def number(values: Array | None, place: int | None) -> float:
-        """Size of a number in the unit for people; nan where there is none and where
-        the rule has no limit.
-        """
+        """Size of a number; nan where there is none and where the rule has no limit."""
         if values is None or place is None:
             return np.nan
         value = np.broadcast_to(values, np.shape(rpm))[place]
-        return limited.shown[0] * (abs(value) if np.isfinite(value) else np.nan)
+        return abs(value) if np.isfinite(value) else np.nan
 
     for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
@@ -238,7 +321,10 @@ def _table(strength: Strength, kind: str) -> Table:
         if kind == "tooth_torques":
             cells.append(_where(np.asarray(rpm), row.reverses))
         rows.append(cells)
-    numbers = [Column(head, "number") for head, _ in limited.heads.values()]
+    numbers = [
+        Column(head, "number", unit=limited.si_unit)
+        for head, _ in limited.heads.values()
+    ]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
     return Table(
         f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title,
@@ -261,23 +347,24 @@ def _where(rpm: np.ndarray, happens: np.ndarray) -> str:
     return f"at {ranges(list(rpm), rpm[happens])} rpm" if np.any(happens) else NONE
 
 
-def _barred_text(strength: Strength, rule: str) -> str:
+def _barred_text(strength: Strength, rule_name: str) -> str:
     """The speeds that a rule bars, one range a line, from how many speeds it was
     judged, and where it was not.
     """
     limited = {
         name: strength.stresses[name]
         for name, shaft_rule in strength.rules.items()
-        if shaft_rule == rule
+        if shaft_rule == rule_name
     }
+    rule = strength.known[rule_name]
     barred = [
         (name, barred_range)
         for name in limited
         for barred_range in strength.barred[name]
     ]
-    after = "" if RULES[rule].default else f" after {rule}"
-    share = RULES[rule].highest
-    reach = strength.judged[rule]
+    after = "" if rule.default else f" after {rule.name}"
+    share = rule.highest
+    reach = strength.judged[rule_name]
     first = next(iter(limited.values()))
     rpm = np.asarray(strength.rpm)
     rated = strength.rated_rpm
@@ -285,15 +372,19 @@ def _barred_text(strength: Strength, rule: str) -> str:
     within = np.isfinite(first.continuous)
     lines = []
     if within.any():
-        head = "Barred speed ranges" if barred else "No barred speed range"
+        kind = "restricted" if strength.not_firing else "barred"
+        head = (
+            f"{kind.capitalize()} speed ranges" if barred else f"No {kind} speed range"
+        )
         lines = [
             f"{head}{after} between {rpm[within].min():g} and {rpm[within].max():g} rpm"
             f" ({AID})"
         ]
         lines += [
-            range_text(name, barred_range, RULES[rule].passed, rated)
+            range_text(name, barred_range, rule, rated) + _around(barred_range, rule)
             for name, barred_range in barred
         ]
+        lines += _to_bar([each for _, each in barred], rule, strength)
         speeds = rpm[within & np.isfinite(first.stress)]
         highest = share * rated
         few = (
@@ -313,7 +404,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             for name, row in limited.items()
         }
         largest = [
-            f"{name} {1e-6 * stress.max():.4g} MPa at {rpm[stress.argmax()]:g} rpm"
+            f"{name} {said(stress.max(), 'Pa')} at {rpm[stress.argmax()]:g} rpm"
             for name, stress in beyond.items()
             if np.isfinite(stress.max())
         ]
@@ -323,9 +414,7 @@ def _barred_text(strength: Strength, rule: str) -> str:
             f" no limit: NOT judged{largest_there}."
         )
     if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
-        speed = (
-            f"{RULES[rule].required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
-        )
+        speed = f"{rule.required:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
         ends = (
             f"the speeds end at {reach.known_to_rpm:g} rpm"
             if reach.known_to_rpm
@@ -336,11 +425,9 @@ def _barred_text(strength: Strength, rule: str) -> str:
 
 
 def range_text(
-    name: str, barred_range: BarredRange, share: float, rated_rpm: float
+    name: str, barred_range: BarredRange, rule: Rule, rated_rpm: float
 ) -> str:
-    """One barred range of a shaft as a line; above the ``share`` of the rated speed the
-    rule accepts none.
-    """
+    """One barred range of a shaft as a line, and whether the rule accepts one there."""
     low = f"{barred_range.low:.4g}{' or below' * barred_range.open_below}"
     high = f"{barred_range.high:.4g}{' or above' * barred_range.open_above}"
     passing = (
@@ -349,14 +436,65 @@ def range_text(
         else f"ABOVE THE TRANSIENT LIMIT ({barred_range.transient_share:.2f} of it)"
     )
     late = (
-        f"; not accepted above {share:g} of the rated speed"
-        if barred_range.high > share * rated_rpm
+        f"; not accepted above {rule.passed:g} of the rated speed"
+        if barred_range.bar_high > rule.passed * rated_rpm
         else ""
     )
     return (
         f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
         f" limit at {barred_range.at:g} rpm, {passing}{late}"
     )
+
+
+def _around(barred_range: BarredRange, rule: Rule) -> str:
+    """The range that a rule bars around a critical speed; empty of a rule without."""
+    if barred_range.rule_low is None:
+        return ""
+    return (
+        f"; {rule.range_source} around {barred_range.at:g} rpm:"
+        f" {barred_range.rule_low:.4g} to {barred_range.rule_high:.4g} rpm"
+    )
+
+
+def _to_bar(barred: Sequence[BarredRange], rule: Rule, strength: Strength) -> list[str]:
+    """The speeds that are to be barred together, in a list; empty of a rule that gives
+    no range around a critical speed.
+    """
+    if rule.barred is None or not barred:
+        return []
+    united: list[list[float]] = []
+    ends = [(float(each.bar_low), float(each.bar_high)) for each in barred]
+    for low, high in sorted(ends):
+        if united and low <= united[-1][1]:
+            united[-1][1] = max(united[-1][1], high)
+        else:
+            united.append([low, high])
+    below = {float(each.bar_low) for each in barred if each.open_below}
+    above = {float(each.bar_high) for each in barred if each.open_above}
+    listed = ", ".join(
+        f"{low:.4g}{' or below' * (low in below)} to"
+        f" {high:.4g}{' or above' * (high in above)} rpm"
+        for low, high in united
+    )
+    tolerance = barred[0].tolerance
+    share = 100 * strength.tachometer_tolerance
+    rated = strength.rated_rpm
+    assert rated is not None  # rules are those of a rated speed
+    accepted = all(
+        each.passable and each.bar_high <= rule.passed * rated for each in barred
+    )
+    what = "Restricted with this misfire" if strength.not_firing else "To be barred"
+    how = " and passed rapidly" if accepted else ""
+    words = (
+        f"{what}{how}: {listed} (above the limit with {tolerance:g} rpm = {share:g} %"
+        f" of the rated speed for the tachometer, and {rule.range_source} around each"
+        " critical speed)."
+    )
+    if not accepted:
+        words += " NOT accepted as a whole: see the ranges."
+    if strength.not_firing:
+        words += " What is left must allow to navigate safely."
+    return [words]
 
 
 def strength_record(
@@ -375,7 +513,7 @@ def strength_record(
         "judged": {rule: reach._asdict() for rule, reach in strength.judged.items()},
     }
     for kind, limited in LIMITED.items():
-        ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
+        ends = dict.fromkeys(limited.heads, limited.suffix)
         record[kind] = {
             name: {
                 field + ends.get(field, ""): (
@@ -387,10 +525,18 @@ def strength_record(
         }
     for name, barred_ranges in () if one_speed else strength.barred.items():
         record["stresses"][name]["barred"] = [
-            vars(barred_range) | {"passable": barred_range.passable}
-            for barred_range in barred_ranges
+            range_record(barred_range) for barred_range in barred_ranges
         ]
     return {"strength": record}
+
+
+def range_record(barred_range: BarredRange) -> dict[str, Any]:
+    """Record of a barred range, speeds in rpm."""
+    return vars(barred_range) | {
+        "passable": barred_range.passable,
+        "bar_low": barred_range.bar_low,
+        "bar_high": barred_range.bar_high,
+    }
 
 
 def strength_columns(strength: Strength) -> dict[str, np.ndarray]:

@@ -85,7 +85,8 @@ def turning_table(answers: Sequence[Answer], title: str = "") -> list[Table]:
         disk, irregular, lambda answer: answer.irregularity(disk), "irregularity, %"
     )
     heats = [
-        _number(name, "W", methodcaller("power", name), "heat, W") for name in dampers
+        _number(name, "W", methodcaller("power", name), "heat, {W}", unit="W")
+        for name in dampers
     ]
     of_disk = "of the heaviest disk (of every disk: --csv)"
     caption = f"{IRREGULARITY}, {of_disk}, and heat of dampers{title}"
@@ -93,15 +94,22 @@ def turning_table(answers: Sequence[Answer], title: str = "") -> list[Table]:
 
 
 def _number(
-    head: str, way: Way, read: Callable[[Answer], float], group: str = ""
+    head: str,
+    way: Way,
+    read: Callable[[Answer], float],
+    group: str = "",
+    *,
+    unit: str = "",
 ) -> Column:
-    """Make a column of numbers of answers, marked where they are to doubt."""
+    """Make a column of numbers of answers, in an SI ``unit``, marked where they are to
+    doubt.
+    """
 
     def value(answer: Answer) -> float:
         number = read(answer)
         return Doubtful(number) if answer.doubt else number
 
-    return Column(head, way, value, group)
+    return Column(head, way, value, group, unit=unit)
 
 
 def _over_axis(
@@ -117,10 +125,10 @@ def _over_axis(
 
 
 def _peak(motion: Answer, answer: Answer) -> float:
-    """The tooth force in kN, in a motion, of the mesh that has the largest in the
+    """The tooth force in N, in a motion, of the mesh that has the largest in the
     answer.
     """
-    return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
+    return motion.force(answer.worst_mesh).peak if answer.worst_mesh else math.nan
 
 
 def _most_of_contacts(field: str) -> Callable[[Answer], float]:
@@ -132,8 +140,13 @@ def _most_of_contacts(field: str) -> Callable[[Answer], float]:
 
 MESHES = (
     Column("largest tooth force", str, lambda answer: answer.worst_mesh or NONE),
-    _number("with kN", "kN", lambda answer: _peak(answer, answer)),
-    Column("without kN", "kN", lambda answer: _peak(answer.without_backlash, answer)),
+    _number("with {N}", "N", lambda answer: _peak(answer, answer), unit="N"),
+    Column(
+        "without {N}",
+        "N",
+        lambda answer: _peak(answer.without_backlash, answer),
+        unit="N",
+    ),
     Column("longest separated", str, lambda answer: most_apart(answer) or NONE),
     _number("separated %", percent, _most_of_contacts("separated_fraction")),
     _number("hardest impact m/s", hit, _most_of_contacts("hardest_impact")),
@@ -157,18 +170,18 @@ def _swings(quantity: Quantity) -> tuple[Column, ...]:
     def read(answer: Answer, statistic: str) -> float:
         # In a motion that is not known every element has the same: nan.
         name = quantity.largest(answer) or quantity.names[0]
-        return quantity.factor * getattr(quantity.signal(answer, name), statistic)
+        return getattr(quantity.signal(answer, name), statistic)
 
     called = "shaft torque" if quantity.element == "shaft" else quantity.called
-    unit = quantity.unit
+    unit = quantity.placeholder
     half = partial(read, statistic="half_peak_to_peak")
     total = partial(read, statistic="sum_of_amplitudes")
     return (
         Column(
             f"largest {called}", str, lambda answer: quantity.largest(answer) or NONE
         ),
-        _number(f"half p-p {unit}", "swing", half),
-        _number(f"sum of amplitudes {unit}", "swing", total),
+        _number(f"half p-p {unit}", "swing", half, unit=quantity.entry.unit),
+        _number(f"sum of amplitudes {unit}", "swing", total, unit=quantity.entry.unit),
     )
 
 

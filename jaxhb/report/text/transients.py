@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._shown import number
-from jaxhb.elements.rules import RULES
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
 from jaxhb.report.text.sentences import firing_lines, remarks_text
-from jaxhb.report.text.strength import AID, range_text
+from jaxhb.report.text.strength import AID, LIMITED, range_text
 from jaxhb.report.transients import (
     BARRED_SPEEDS,
     Fatigue,
@@ -39,6 +37,7 @@ def transient_text(report: TransientReport) -> str:
 def transient_parts(report: TransientReport) -> list[str]:
     """Make verdict, duration and speeds, tables, passages, and what limits are of."""
     parts = [_head(report), *_tables(report), *_stress_parts(report)]
+    parts += _peak_tables(report)
     return [*parts, *_passage_parts(report), *_rule_parts(report)]
 
 
@@ -102,27 +101,26 @@ def _head(report: TransientReport) -> str:
 
 @dataclass(frozen=True)
 class _Row:
-    """A link with its signal in the unit for people, and its contact, of a mesh."""
+    """A link with its signal, and its contact, of a mesh."""
 
     name: str
     signal: History
-    factor: float
     contact: ToothContact | None = None
 
     def peaks(self) -> list[float]:
         """Largest and smallest value and the one that is larger in size."""
         highest, lowest = float(self.signal.max), float(self.signal.min)
         peak = highest if highest >= -lowest else lowest
-        return [self.factor * value for value in (highest, lowest, peak)]
+        return [highest, lowest, peak]
 
 
 def _columns(element: str, unit: str) -> list[Column]:
     """Columns of extremes, and of the peak with time and speed."""
     return [
         Column(element, read=lambda row: row.name),
-        Column("max", "force", lambda row: row.peaks()[0]),
-        Column("min", "force", lambda row: row.peaks()[1]),
-        Column(unit, "force", lambda row: row.peaks()[2], "peak"),
+        Column("max", "force", lambda row: row.peaks()[0], unit=unit),
+        Column("min", "force", lambda row: row.peaks()[1], unit=unit),
+        Column(f"{{{unit}}}", "force", lambda row: row.peaks()[2], "peak", unit=unit),
         Column("at s", number, lambda row: float(row.signal.time_of_peak), "peak"),
         Column("at rpm", number, lambda row: float(row.signal.rpm_of_peak), "peak"),
     ]
@@ -133,13 +131,11 @@ def _tables(report: TransientReport) -> Iterator[Table]:
     run = report.run
     topology = run.topology
 
-    def rows(names: Sequence[str], si_unit: str) -> list[_Row]:
-        factor, _ = shown_unit(si_unit)
+    def rows(names: Sequence[str]) -> list[_Row]:
         return [
             _Row(
                 name,
                 signal_for_people(run, name),
-                factor,
                 run.mesh(name) if name in topology.mesh_names else None,
             )
             for name in names
@@ -154,21 +150,21 @@ def _tables(report: TransientReport) -> Iterator[Table]:
             Column("first at s", _seconds, lambda row: _first(row.contact)),
         ]
         shown = contact if any(topology.mesh_backlash) else []
-        caption = "Tooth force, kN (positive on the flank that drives)"
+        caption = "Tooth force, {N} (positive on the flank that drives)"
         if shown:
             caption += (
                 "; separated: seconds in the gap; reverse: on the flank that does not"
                 " drive"
             )
-        meshes = rows(topology.mesh_names, "N")
-        yield Table(caption, [*_columns("mesh", "kN"), *shown], meshes)
+        meshes = rows(topology.mesh_names)
+        yield Table(caption, [*_columns("mesh", "N"), *shown], meshes)
     names = topology.shaft_and_damper_names
     if names:
         yield Table(
-            "Torque of shafts and dampers, N m (elastic and damping part; the mean is"
+            "Torque of shafts and dampers, {N m} (elastic and damping part; the mean is"
             " positive)",
             _columns("shaft", "N m"),
-            rows(names, "N m"),
+            rows(names),
         )
 
 
@@ -196,13 +192,13 @@ def _stress_parts(report: TransientReport) -> list[str]:
 
     columns = [
         Column("shaft", read=lambda row: row[0]),
-        Column("stress", "stress", lambda row: 1e-6 * row[1].amplitude),
+        Column("stress", "stress", lambda row: row[1].amplitude, unit="Pa"),
         Column("at s", number, lambda row: row[1].time),
         Column("at rpm", number, lambda row: row[1].rpm),
     ]
     if limited:
         columns += [
-            Column("transient limit", "stress", lambda row: 1e-6 * row[1].limit),
+            Column("transient limit", "stress", lambda row: row[1].limit, unit="Pa"),
             Column("share", ratio, lambda row: (row[1].amplitude, row[1].limit)),
         ]
     if counted:
@@ -212,7 +208,7 @@ def _stress_parts(report: TransientReport) -> list[str]:
         ]
     parts: list[str] = [
         Table(
-            "Torsional stress of shafts, MPa: half of peak-to-peak torque within a"
+            "Torsional stress of shafts, {Pa}: half of peak-to-peak torque within a"
             f" cycle / W_p ({AID})",
             columns,
             rows,
@@ -223,14 +219,29 @@ def _stress_parts(report: TransientReport) -> list[str]:
     return parts
 
 
+def _peak_tables(report: TransientReport) -> Iterator[Table]:
+    """Make the tables of numbers that a limit bounds at every instant."""
+    for kind, peaks in report.peaks.items():
+        factor, _ = LIMITED[kind].shown
+        columns = [
+            Column(LIMITED[kind].element, read=lambda row: row[0]),
+            Column(
+                LIMITED[kind].called, "number", lambda row, by=factor: by * row[1].value
+            ),
+            Column("at s", number, lambda row: row[1].time),
+            Column("at rpm", number, lambda row: row[1].rpm),
+            Column("limit", "number", lambda row, by=factor: by * row[1].limit),
+            Column("share", ratio, lambda row: (row[1].value, row[1].limit)),
+        ]
+        if peaks:
+            yield Table(LIMITED[kind].title, columns, list(peaks.items()))
+
+
 def _rule_parts(report: TransientReport) -> list[str]:
     """Say what the limits are of."""
     rated = report.topology.rated_rpm
     rules = [peak.rule for peak in report.stresses.values() if peak.rule]
-    notes = [
-        RULES[rule].note.format(source=RULES[rule].source, rated=rated)
-        for rule in rules
-    ]
+    notes = [rule.note.format(source=rule.source, rated=rated) for rule in rules]
     return list(dict.fromkeys(notes))
 
 
@@ -263,8 +274,9 @@ def _passage_parts(report: TransientReport) -> list[str]:
     for passage in report.passages:
         text = f"  {passage.low:.4g} to {passage.high:.4g} rpm"
         if passage.barred is not None and rated is not None:
-            passed = RULES[report.stresses[passage.shaft].rule].passed
-            text = range_text(passage.shaft, passage.barred, passed, rated)
+            rule = report.stresses[passage.shaft].rule
+            assert rule is not None  # ranges are those of a rule
+            text = range_text(passage.shaft, passage.barred, rule, rated)
         lines.append(f"{text}: {number(passage.seconds)} s")
     if not lines:
         return []

@@ -15,11 +15,11 @@ from jaxhb._jax import Numbers
 from jaxhb.design.between_speeds import EXCESS, Checked, most_of
 from jaxhb.design.quantities import OF_DESIGN, Objective, Penalty, label, unit_of
 from jaxhb.report.answer import SPEED
-from jaxhb.report.quantities import shown_unit
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, count, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
+from jaxhb.report.units import shown_unit
 from jaxhb.results.steady import SteadyState
 from jaxhb.train.changes import declared_field, locate
 from jaxhb.train.drivetrain import DriveTrain

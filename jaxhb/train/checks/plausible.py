@@ -17,7 +17,6 @@ import numpy as np
 from jaxhb._jax import Number, on_host, refuse_tracers
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques
 from jaxhb.excitation.tables import COMPUTED
@@ -573,7 +572,7 @@ def _links(train: DriveTrain) -> Iterator[Note]:
                 yield from _unusual(table, name, "power_limit", value)
     throws = set(topology.cylinders.disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
-        rule = RULES[topology.shaft_rules[i]]
+        rule = topology.rule_of(i)
         if strengths[i] and throws.issuperset(ends) and not rule.crankshafts:
             text = (
                 f"tensile_strength sets the limits of {rule.title or rule.name}, which"
