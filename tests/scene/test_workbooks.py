@@ -186,6 +186,26 @@ def test_new_writes_a_sheet_for_every_kind_of_element_with_lists_and_examples(
     assert "give one of them" in capsys.readouterr().err
 
 
+def test_files_of_parts_stay_beside_the_workbook(tmp_path, capsys):
+    plant = tmp_path / "plant"
+    plant.mkdir()
+    (tmp_path / "makers.toml").write_text(
+        '[coupling."X 3100"]\nstiffness = 2.1e4\ndamping = 20.0\n'
+    )
+    scene = plant / "plant.toml"
+    scene.write_text(
+        '[parts]\nfiles = ["../makers.toml"]\n'
+        '[[disk]]\nname = "a"\ninertia = 1.0\n[[disk]]\nname = "b"\ninertia = 2.0\n'
+        '[[shaft]]\nbetween = ["a", "b"]\npart = "X 3100"\n[[load]]\ndisk = "b"\n'
+    )
+    elsewhere = tmp_path / "x" / "y"
+    elsewhere.mkdir(parents=True)
+    path = elsewhere / "plant.xlsx"
+    assert main(["new", "--xlsx", str(path), "--from", str(scene)]) == 0
+    assert "makers.toml is written" in capsys.readouterr().out
+    assert same(load_scene(path), load_scene(scene))
+
+
 def book_of(sheets):
     """A workbook of rows by sheets."""
     book = openpyxl.Workbook()
