@@ -86,6 +86,7 @@ def test_the_table_of_files_names_the_commands_that_write_them():
     assert [option for option, _ in rows] == [
         "--json",
         "--csv",
+        "--xlsx",
         "--netcdf",
         "--trace",
         "--plot",

@@ -47,15 +47,20 @@ def new(arguments: cli.CommonOptions) -> int:
             f"{FORMATS[form].option}: {file!r} is there already, and is not"
             " overwritten. Give another name."
         )
-    files: dict[str, bytes] = {}
+    text, tables = scene_text(arguments.scene, called=path.stem)
     if form == "xlsx":
         from jaxhb.scene.workbook.writing import scene_workbook
 
-        files[file] = scene_workbook(arguments.scene, called=path.stem)
+        # Rows come on sheets; parts and rules stay files.
+        beside = {name: table for name, table in tables.items() if ".toml" in name}
+        copies = copies_beside(beside, path.parent, "--xlsx")
+        content = scene_workbook(
+            arguments.scene, called=path.stem, renamed=copies.names
+        )
     else:
-        text, tables = scene_text(arguments.scene, called=path.stem)
         copies = copies_beside(tables, path.parent, "FILE")
-        files |= {file: copies.renamed(text).encode()} | copies.files
+        content = copies.renamed(text).encode()
+    files = {file: content} | copies.files
     output.write_files(files)
     if not arguments.quiet:
         for name in files:

@@ -308,6 +308,7 @@ def scene() -> None:
     "csv",
     "write the rows of --excitation, which a tangential_pressure of a scene reads, Pa",
 )
+@options.file("xlsx")
 def check() -> None:
     """Is the scene plausible? Mean torques, modes, notes.
 
@@ -334,6 +335,7 @@ def check() -> None:
 )
 @options.file("json", "write frequencies and shapes for programs")
 @options.file("csv", "write the vector sums for spreadsheets, one row per order")
+@options.file("xlsx")
 @options.plot(
     "shapes of the first six modes that strain links, with nodes and damping ratios;"
     " with --vector-sums, phase diagrams of the orders instead"

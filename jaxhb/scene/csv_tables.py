@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """Number whose comma may be that of decimals or of thousands."""
-_UNIT_OF_HEAD = re.compile(r"(.*?)(?:\s*[\[(]([^\])]*)[\])]|\s+in\s+(\S.*))\s*")
+_UNIT_OF_HEAD = re.compile(r"(.*?)(?:\s*\[([^\]]*)\]|\s*\(([^)]*)\)|\s+in\s+(\S.*))\s*")
 _CRANK_ANGLE = re.compile(r"(?:°|deg\.?)\s*(?:CA|CRA|KW)\b")
 
 
@@ -105,11 +105,15 @@ def name_and_unit(head: str) -> tuple[str, str]:
 
     >>> name_and_unit("pressure [bar]"), name_and_unit("angle in deg")
     (('pressure', 'bar'), ('angle', 'deg'))
+    >>> name_and_unit("heat_transfer [W/(m2 K)]")
+    ('heat_transfer', 'W/(m2 K)')
     """
     match = _UNIT_OF_HEAD.fullmatch(head)
     if not match:
         return head, ""
-    return match[1], _CRANK_ANGLE.sub("deg", (match[2] or match[3] or "").strip())
+    return match[1], _CRANK_ANGLE.sub(
+        "deg", (match[2] or match[3] or match[4] or "").strip()
+    )
 
 
 def number_rows(

@@ -39,14 +39,9 @@ from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 WORKBOOK = ".xlsx"
-READERS: dict[str, Any] = {
-    ".json": tors_content,
-    ".csv": csv_content,
-    WORKBOOK: workbook_content,
-}
-"""What reads files of other programs, by their endings: the text, of a workbook the
-bytes.
-"""
+_OF_TEXTS = {".json": tors_content, ".csv": csv_content}
+READ = (*_OF_TEXTS, WORKBOOK)
+"""Endings of the files of other programs."""
 
 _UNREADABLE = {
     # Python reads no more than 4300
@@ -240,7 +235,7 @@ def find_scene(name: str | Path) -> Path:
     text = str(name)
     if (
         isinstance(name, Path)
-        or text.endswith((".toml", *READERS))
+        or text.endswith((".toml", *READ))
         or "/" in text
         or "\\" in text
     ):
@@ -271,9 +266,10 @@ def parse(path: Path, errors: list[str]) -> dict[str, Any]:
     """Read a file; raise a syntax error as a sentence, and add other faults to
     ``errors``.
     """
-    text: str | bytes
     try:
-        text = read_bytes(path) if path.suffix == WORKBOOK else read_text(path)
+        if path.suffix == WORKBOOK:
+            return workbook_content(read_bytes(path), path.name, errors)
+        text = read_text(path)
     except Missing:
         raise SceneError(
             f"{cut(str(path))}: there is no such file. Give the path of a .toml, or a"
@@ -282,11 +278,9 @@ def parse(path: Path, errors: list[str]) -> dict[str, Any]:
     except Unreadable as error:
         raise SceneError(f"{cut(str(path))}: {error}") from None
     try:
-        return (
-            READERS[path.suffix](text, path.name, errors)
-            if path.suffix in READERS
-            else tomllib.loads(text)
-        )
+        if path.suffix in _OF_TEXTS:
+            return _OF_TEXTS[path.suffix](text, path.name, errors)
+        return tomllib.loads(text)
     except SceneError:
         raise
     except tomllib.TOMLDecodeError as error:

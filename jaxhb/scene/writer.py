@@ -19,7 +19,7 @@ from jaxhb.elements.engine import Engine, cylinder_rows
 from jaxhb.elements.sentences import SceneError
 from jaxhb.scene.files import (
     BESIDE,
-    READERS,
+    READ,
     RULE_FILE,
     _read_elements,
     find_scene,
@@ -163,7 +163,7 @@ def _plain(value: Any) -> Any:
 
 def _text_of(path: Path, content: Mapping[str, Any]) -> TomlText:
     """Text of a file; of a file of another program the text of its content."""
-    if path.suffix in READERS:
+    if path.suffix in READ:
         return TomlText.of(content)
     # Bytes: text mode would turn the line ends of Windows.
     return TomlText(read_bytes(path).decode("utf-8-sig"))

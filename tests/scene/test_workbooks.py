@@ -117,6 +117,8 @@ def content(draw):
         "parameter": [{"name": "a.damping", "low": "20 N m s/rad", "high": 600.0}],
         "objective": [{"quantity": "tooth force", "of": "1"}],
     }
+    tables["report"] = {"yard": "N; W", "hull": "123", "units": {"torque": "kN m"}}
+    tables["parts"] = {"files": ["makers.toml", "a b.toml"]}
     tables["scene"] = {
         "name": "plant",
         "notes": ["one; two", "three."],
@@ -172,7 +174,8 @@ def test_new_writes_a_sheet_for_every_kind_of_element_with_lists_and_examples(
         if offered.type == "list"
     }
     assert lists["B2:B1000"] == "=disk!$A$2:$A$1000"
-    assert '"M68,KR crankshaft A,' in " ".join(lists.values())
+    offered = book["mesh"].data_validations.dataValidation
+    assert '"external,internal"' in {each.formula1 for each in offered}
     # A kind that the scene does not have shows a row as a remark.
     assert book["ground"]["A2"].value.startswith("#")
     assert shaft.freeze_panes == "B2"
@@ -181,6 +184,26 @@ def test_new_writes_a_sheet_for_every_kind_of_element_with_lists_and_examples(
     both = ["new", str(tmp_path / "a.toml"), "--xlsx", str(tmp_path / "a.xlsx")]
     assert main(both) == 2
     assert "give one of them" in capsys.readouterr().err
+
+
+def test_files_of_parts_stay_beside_the_workbook(tmp_path, capsys):
+    plant = tmp_path / "plant"
+    plant.mkdir()
+    (tmp_path / "makers.toml").write_text(
+        '[coupling."X 3100"]\nstiffness = 2.1e4\ndamping = 20.0\n'
+    )
+    scene = plant / "plant.toml"
+    scene.write_text(
+        '[parts]\nfiles = ["../makers.toml"]\n'
+        '[[disk]]\nname = "a"\ninertia = 1.0\n[[disk]]\nname = "b"\ninertia = 2.0\n'
+        '[[shaft]]\nbetween = ["a", "b"]\npart = "X 3100"\n[[load]]\ndisk = "b"\n'
+    )
+    elsewhere = tmp_path / "x" / "y"
+    elsewhere.mkdir(parents=True)
+    path = elsewhere / "plant.xlsx"
+    assert main(["new", "--xlsx", str(path), "--from", str(scene)]) == 0
+    assert "makers.toml is written" in capsys.readouterr().out
+    assert same(load_scene(path), load_scene(scene))
 
 
 def book_of(sheets):
@@ -414,3 +437,35 @@ def test_csv_rows_of_a_scene_come_on_sheets_that_elements_share(tmp_path):
     assert "six_cylinder_diesel_pressure" in book.sheetnames
     named = parse(find_scene("six_cylinder_diesel"), [])["cylinder"][0]["pressure"]
     assert named == "six_cylinder_diesel_pressure.csv"
+
+
+CELLS = (
+    *(0, -1, 1e300, 1e-300, 1.5, "x", "crank", "=1+1", "a" * 3000, True, None, "é"),
+    *("[]", "[[]]", '[[1, 2], ["a", 3]]', '{"a": 1}', "1,5", "1.2,3", "5 bar", "#x"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["first_scene", "inline_four_timing_drive", EVENTS])
+def test_a_mutated_workbook_is_read_or_refused_in_a_few_short_sentences(name, tmp_path):
+    whole = scene_workbook(name)
+    path = tmp_path / "changed.xlsx"
+    refusals = 0
+    for seed in range(12):
+        draw = np.random.default_rng(seed)
+        book = openpyxl.load_workbook(io.BytesIO(whole))
+        sheet = book.worksheets[draw.integers(1, len(book.worksheets))]
+        filled = [c for row in sheet.iter_rows() for c in row if c.value is not None]
+        cell = filled[draw.integers(len(filled))]
+        cell.hyperlink = None
+        cell.value = CELLS[draw.integers(len(CELLS))]
+        book.save(path)
+        try:
+            jaxhb.plausibility(load_scene(path))
+        except jaxhb.SceneError as error:
+            refusals += 1
+            lines = str(error).splitlines()
+            assert len(lines) <= 13, seed
+            assert all(len(line) <= 1000 for line in lines), seed
+            assert "sheet" in lines[0] or "sequence" in lines[0], lines
+    assert refusals >= 4

@@ -8,13 +8,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import fields_of_class, unit_of
+from jaxhb.elements.elements import Head
 from jaxhb.elements.units import units_of_columns
+from jaxhb.scene.title_block import KEYS
 
 ENDS = ("from", "to")
 """Heads of the two disks of a link."""
 
+SETTINGS = ("scene", "tune", "report", "parts")
+"""Tables whose keys and values stand below each other; lists of tables in them have
+sheets of their own, as ``tune.parameter``.
+"""
+
 _FREE = {"name": "name", "of": "name"}
-_FREE |= dict.fromkeys(("together", "without", "events"), "list")
+_FREE |= dict.fromkeys(("together", "without", "events", "files"), "list")
 """Kinds of keys of tables that have no declared fields; others hold anything."""
 
 
@@ -147,6 +154,13 @@ def inner_columns(column: Column) -> list[Column]:
     """Columns of the sheet that a cell of a list of tables names."""
     assert column.field is not None  # only declared columns have such cells
     return columns_of(column.field.metadata["of"])
+
+
+def settings_columns(table: str) -> list[Column]:
+    """Columns of a table of settings whose keys are known."""
+    if table == "scene":
+        return columns_of(Head)
+    return [Column((key,), "text") for key in KEYS] if table == "report" else []
 
 
 def free_column(key: str) -> Column:

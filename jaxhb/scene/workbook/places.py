@@ -64,14 +64,14 @@ def _place_of(reader: Reader, path: tuple, text: str) -> Place | None:
     if keys and (*path, keys[1]) in reader.places:
         return reader.places[(*path, keys[1])]
     own = {
-        keys: place
-        for keys, place in reader.places.items()
-        if keys[: len(path)] == path and len(keys) > len(path) and keys[-1] != "name"
+        inner: place
+        for inner, place in reader.places.items()
+        if inner[: len(path)] == path and len(inner) > len(path) and inner[-1] != "name"
     }
     found = re.split(r" (?:Known|Did you mean)\b", text)[0]
-    for place in own.values():
-        if isinstance(place.value, str) and shown(place.value) in found:
-            return place
+    for quoted in own.values():
+        if isinstance(quoted.value, str) and shown(quoted.value) in found:
+            return quoted
     return reader.places.get(path[:2])
 
 
@@ -80,11 +80,11 @@ def _of_setting(reader: Reader, path: tuple, rest: str) -> str:
     nowhere.
     """
     text = rest.removeprefix(": ")
-    for keys, place in reader.places.items():
+    for keys, inner in reader.places.items():
         if keys[:-1] != path:
             continue
         key = str(keys[-1])
         if shown(key) in text or text.startswith((f"{key} ", f"{key}:")):
-            return f"{reader.source}, {place.text}: {text}"
+            return f"{reader.source}, {inner.text}: {text}"
     place = reader.places.get(path)
     return "" if place is None else f"{reader.source}, {place.text}: {text}"

@@ -9,21 +9,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import Unread
-from jaxhb.elements.elements import TABLES, Head
+from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine
 from jaxhb.elements.sentences import shown, suggestion
 from jaxhb.elements.units import has_unit
 from jaxhb.scene.csv_tables import name_and_unit
 from jaxhb.scene.workbook.columns import (
+    SETTINGS,
     Column,
     columns_of,
     free_column,
     inner_columns,
+    settings_columns,
 )
 from jaxhb.scene.workbook.grid import Cell, Grid, grids
 from jaxhb.scene.workbook.values import CellError, number_text, value_of
 
-BESIDE = ("engine", "scene", "scenario", "sequence", "tune", "tolerance")
+BESIDE = ("engine", *SETTINGS, "scenario", "sequence", "tolerance")
 """Tables beside those of single elements."""
 
 NAMED = ("tolerance", "sequence")
@@ -100,8 +102,8 @@ class Reader:
         """Read the sheet of a table; others are read where a cell names them."""
         table, _, inner = name.partition(".")
         value: Any = None
-        if name == "scene":
-            columns = {column.name: column for column in columns_of(Head)}
+        if name in SETTINGS:
+            columns = {column.name: column for column in settings_columns(name)}
             value = self._settings(grid, columns)
         elif name == "engine":
             rows = self._elements(grid, columns_of(Engine), (name,))
@@ -112,17 +114,15 @@ class Reader:
             value = self._entries(grid, name)
         elif name == "scenario":
             value = self._scenarios(grid)
-        elif name == "tune":
-            value = self._settings(grid, {})
-        elif table == "tune" and inner:
+        elif table in SETTINGS and inner:
             value = {inner: self._elements(grid, None, (name,))}
         else:
             return
         self._named.add(name)
         if not value:
             return
-        if table == "tune":
-            value = self.content.get("tune", {}) | value
+        if table in SETTINGS:
+            value = self.content.get(table, {}) | value
         self.content[table] = value
 
     def _cell(self, grid: Grid, cell: Cell, head: _Head, path: tuple) -> Any:

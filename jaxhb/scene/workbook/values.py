@@ -163,7 +163,7 @@ def _text(cell: Any) -> Any:
 def _is_kept(plain: Any) -> bool:
     """Whether a cell comes back as it was written, with blanks at its ends."""
     if not isinstance(plain, str):
-        return plain is not None
+        return isinstance(plain, bool | int | float)
     return plain.strip() == plain != "" and not re.search(
         r"[\x00-\x09\x0b-\x1f\u00a0\u202f]|^#", plain
     )

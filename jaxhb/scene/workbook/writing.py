@@ -9,22 +9,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxhb.elements.elements import TABLES, Head
+from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.files import find_scene, load_scene, parse, rows_beside
 from jaxhb.scene.workbook.columns import (
     ENDS,
+    SETTINGS,
     Column,
     columns_of,
     free_column,
     inner_columns,
+    settings_columns,
 )
 from jaxhb.scene.workbook.grid import NOTES
-from jaxhb.scene.workbook.reading import NAMED
+from jaxhb.scene.workbook.reading import BESIDE, NAMED
 from jaxhb.scene.workbook.values import cell_of
 
 _LONGEST = 31  # characters of the name of a sheet
 _LAST_ROW = 1000  # with drop-down lists
+_OF_SETTINGS = tuple(f"{table}." for table in SETTINGS)
 _REQUIRED = "FFF2CC"
 _GIVEN = "D9E1F2"
 _EXPLANATION = (
@@ -48,10 +51,17 @@ _EXPLANATION = (
 )
 
 
-def scene_workbook(name: str | Path, *, called: str | None = None) -> bytes:
+def scene_workbook(
+    name: str | Path,
+    *,
+    called: str | None = None,
+    renamed: Mapping[str, str] | None = None,
+) -> bytes:
     """Write a scene as an .xlsx that loads to the same train; ``name`` and ``called``
     are those of :func:`jaxhb.scene_text`.
 
+    Rows of CSV files come on sheets; files of parts and of rules (``.toml``) stay files
+    beside the workbook, under the names that ``renamed`` gives by those of the scene.
     :class:`SceneError` names all faults of the scene.
 
     >>> scene_workbook("spur_pair")[:2]
@@ -63,7 +73,12 @@ def scene_workbook(name: str | Path, *, called: str | None = None) -> bytes:
     head = {"name": path.stem} | content.get("scene", {})
     if called:
         head["name"] = called
-    return workbook_bytes(content | {"scene": head}, path.parent)
+    tables = content | {"scene": head}
+    for table, key in (("scene", "rules"), ("parts", "files")):
+        if key in tables.get(table, {}):
+            names = [(renamed or {}).get(file, file) for file in tables[table][key]]
+            tables[table] = tables[table] | {key: names}
+    return workbook_bytes(tables, path.parent)
 
 
 def workbook_bytes(content: Mapping[str, Any], folder: Path) -> bytes:
@@ -88,18 +103,18 @@ class _Writer:
     def write(self, content: Mapping[str, Any]) -> bytes:
         """Write all sheets."""
         self._explain()
-        self._settings("scene", content.get("scene", {}), columns_of(Head))
+        self._settings("scene", content.get("scene", {}), settings_columns("scene"))
         classes = {**TABLES, "engine": Engine}
         disks = [row.get("name") for row in content.get("disk", ())]
         for table, cls in classes.items():
             rows = content.get(table, [])
             rows = [rows] if isinstance(rows, dict) else rows
-            columns = _sorted(columns_of(cls), rows)
-            self._elements(table, columns, rows, example=disks or ["crank"])
+            by_use = _sorted(columns_of(cls), rows)
+            self._elements(table, by_use, rows, example=disks or ["crank"])
         self._beside(content)
         # Lists of tables name sheets of rows in turn.
-        for name, columns, rows in self._later:
-            self._elements(name, columns, rows)
+        for name, inner, rows in self._later:
+            self._elements(name, inner, rows)
         stream = io.BytesIO()
         self._book.save(stream)
         return stream.getvalue()
@@ -232,11 +247,11 @@ class _Writer:
         key = json.dumps(content, default=str)
         if key not in self._sheets:
             taken = {name.casefold() for name in self._sheets.values()}
-            taken |= {*TABLES, "engine", "scene", "scenario", "tune", NOTES, *NAMED}
+            taken |= {*TABLES, *BESIDE, NOTES}
             plain = re.sub(r"[\[\]:*?/\\']", "_", base).strip().lstrip("#") or "rows"
             name = plain[:_LONGEST]
             number = 1
-            while name.casefold() in taken or name.startswith("tune."):
+            while name.casefold() in taken or name.startswith(_OF_SETTINGS):
                 number += 1
                 name = f"{plain[: _LONGEST - 4]} {number}"
             self._sheets[key] = name
@@ -263,13 +278,14 @@ class _Writer:
             if entries:
                 rows = [{"name": name} | entry for name, entry in entries.items()]
                 self._elements(table, _free_columns(rows), rows)
-        tune = content.get("tune", {})
-        lists = {key: rows for key, rows in tune.items() if _is_tables(rows)}
-        if tune:
-            settings = {key: v for key, v in tune.items() if key not in lists}
-            self._settings("tune", settings, ())
-        for key, rows in lists.items():
-            self._elements(f"tune.{key}", _free_columns(rows), rows)
+        for table in SETTINGS:
+            settings = content.get(table, {})
+            lists = {key: rows for key, rows in settings.items() if _is_tables(rows)}
+            plain = {key: v for key, v in settings.items() if key not in lists}
+            if settings and table != "scene":
+                self._settings(table, plain, settings_columns(table))
+            for key, rows in lists.items():
+                self._elements(f"{table}.{key}", _free_columns(rows), rows)
 
     def _scenarios(self, scenarios: Mapping[str, Mapping[str, Any]]) -> None:
         """Write scenarios side by side, a row for each number."""
@@ -382,7 +398,12 @@ def _free_columns(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
 
 
 def _is_tables(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(row, dict) for row in value)
+    """Whether a value is a list of tables; an empty list is one of texts."""
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(row, dict) for row in value)
+    )
 
 
 def _is_entry(value: Any) -> bool:
