@@ -75,7 +75,8 @@ class WorstPhase:
     angle, worst : ``(S, Q)`` deg, and the largest value, there; nan where nothing is
         solved
     best_angle, best : ``(S, Q)``, the least of the phases of the scan
-    angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan
+    angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan; of linear motions
+    extremes are read from 32 time samples for each harmonic there
     left_out : tuple of str, a sentence for each status of speeds that have no answer,
         or none at some phases
     """
@@ -128,7 +129,7 @@ def worst_phase(
         Default: tooth force of every mesh, torque of every shaft and damper.
     phases : int, optional
         How many of the circle are scanned; default 24, of linear trains 16 for each
-        harmonic.
+        harmonic, and 4 where teeth stay in contact at every speed.
     progress : callable, optional
         Told what is done.
 

@@ -122,10 +122,14 @@ def _most(report: Report, seats: Sequence[Seat]) -> list[Seat]:
     shares: dict[str, float] = {}
     for (_, name), share in largest_shares(report.strengths).items():
         shares.setdefault(name, share.share)
-    sizes = {seat: _size(report, report.cases[0].title, seat) for seat in seats}
-    by_size = sorted(
-        seats, key=lambda seat: (shares.get(seat.name, 0.0), sizes[seat]), reverse=True
-    )
+    first = next(iter(report.responses.values()))
+
+    def size(seat: Seat) -> tuple[float, float]:
+        """Share of a limit, and a number that costs little for many elements."""
+        signal = VIBRATIONS[seat.signal].read(first, seat.name)
+        return shares.get(seat.name, 0.0), float(np.max(signal.sum_of_amplitudes))
+
+    by_size = sorted(seats, key=size, reverse=True)
     chosen = {*by_size[: MOST - 1], seats[-1]}
     return [seat for seat in seats if seat in chosen]
 
@@ -189,8 +193,19 @@ def _small(large: Figure, called: str = "") -> Figure:
         trace | {"name": trace["name"].removeprefix(f"{called}, ")}
         for trace in large.traces
     ]
+    # The caption tells the quantity; a long title would be broken.
+    units = [
+        dataclasses.replace(axis, title=axis.title.rpartition(", ")[2])
+        for axis in large.panels
+    ]
     return dataclasses.replace(
-        large, traces=traces, height=HEIGHT, width=WIDTH, bottom=BELOW, right=BESIDE
+        large,
+        panels=units,
+        traces=traces,
+        height=HEIGHT,
+        width=WIDTH,
+        bottom=BELOW,
+        right=BESIDE,
     )
 
 

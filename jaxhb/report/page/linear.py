@@ -22,11 +22,12 @@ from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.critical import critical_table, modes_that_matter
-from jaxhb.report.page.parts import Block, Heading, Report, without
+from jaxhb.report.page.parts import ROWS, Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import (
     ElementReading,
     WorstMisfire,
+    by_kind,
     forced_failures,
     misfire_tables,
     readings,
@@ -152,7 +153,8 @@ def forced(report: Report) -> list[Block]:
     speeds = report.fine_rpm
     responses = report.responses
     normal, first = next(iter(responses.items()))
-    elements = readings(first)
+    every = readings(first)
+    elements = _largest(every)
     converged = np.asarray(first.converged)
     chosen = (
         hardest_elements([element.at(converged) for element in elements])
@@ -168,6 +170,11 @@ def forced(report: Report) -> list[Block]:
         remark += f" Sums and orders in the figures: {normal}."
         remark += " Lines of a misfire are its half peak-to-peak." if misfires else ""
     blocks: list[Block] = [remark, *approximations(report.train, report.rpm)]
+    if len(elements) < len(every):
+        blocks.append(
+            f"Of {len(every)} elements those with the largest sums of amplitudes are"
+            f" shown, {ROWS} of each kind."
+        )
     for element in chosen:
         governing = misfires
         if worst:
@@ -178,7 +185,7 @@ def forced(report: Report) -> list[Block]:
         if title == normal or not worst:
             blocks += [
                 Heading(f"Largest values, {title}"),
-                *worst_tables(response, readings(response)),
+                *worst_tables(response, [each.of(response) for each in elements]),
             ]
         blocks += forced_failures(response, title if title in misfires else "")
     if not worst:
@@ -188,6 +195,18 @@ def forced(report: Report) -> list[Block]:
         Heading("The worst misfire of every element"),
         *misfire_tables(elements, worst, normal),
     ]
+
+
+def _largest(elements: Sequence[ElementReading]) -> list[ElementReading]:
+    """Choose of each kind as many elements as a table shows, those with the largest sum
+    of amplitudes, in their order.
+    """
+    chosen = []
+    for of_kind in by_kind(elements):
+        sums = [np.max(each.signal.sum_of_amplitudes) for each in of_kind]
+        places = np.argsort(-np.array(sums), kind="stable")[:ROWS]
+        chosen += [of_kind[place] for place in sorted(places)]
+    return chosen
 
 
 def _worst(
