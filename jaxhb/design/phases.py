@@ -308,7 +308,7 @@ class _Linear:
         # By this angle no harmonic is turned by whole turns.
         step = 360.0 * turn / (harmonics + 1)
         other = forced_response(train.replace({key: start + step}), rpm=rpm)
-        by_step = np.expm1(_by_deg(response.angles, turn) * step)
+        by_step = np.expm1(_by_deg(np.asarray(response.angles), turn) * step)
         by_step[0] = 1.0  # the mean is not turned
         turned = {
             part: (getattr(other, part) - getattr(response, part)) / by_step
@@ -335,7 +335,9 @@ class _Linear:
     ) -> np.ndarray:
         parts = {name for quantity in quantities for name in self._parts_of(quantity)}
         motion = self.response[places]
-        changes = {name: self.part(name, angle, places) for name in parts}
+        changes: dict[str, Any] = {
+            name: self.part(name, angle, places) for name in parts
+        }
         return _read(dataclasses.replace(motion, **changes), quantities, self.train)
 
     def _parts_of(self, quantity: Objective) -> tuple[str, ...]:
