@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb.elements.sentences import SceneError, cut, shown, suggestion
-from jaxhb.elements.units import Refused, has_unit, si_number
+from jaxhb.elements.units import Refused, si_number
 from jaxhb.linear.strength import having, stress_of
 from jaxhb.results.quantities import CALLED, MEASURED, names_of
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
@@ -65,7 +65,7 @@ class _Row:
         """
         if head == "order" and self.text(head) == "sum":
             return np.nan
-        if head == "amplitude" and has_unit(self.text(head)):
+        if head == "amplitude":
             value = self.with_unit()
             return np.inf if isinstance(value, str) else value
         try:
@@ -74,10 +74,15 @@ class _Row:
             return np.inf
 
     def with_unit(self) -> Any:
-        """The amplitude in the unit of its quantity, where it is written with a unit:
-        Refused where that does not fit.
+        """The amplitude in the unit of its quantity: Refused where that of the text
+        does not fit.
         """
-        return si_number(self.text("amplitude"), UNITS.get(self.text("quantity"), ""))
+        text = self.text("amplitude")
+        try:
+            return self.table.number(text)
+        except ValueError:
+            pass
+        return si_number(text, UNITS.get(self.text("quantity"), ""))
 
     @property
     def place(self) -> tuple:

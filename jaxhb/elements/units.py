@@ -73,6 +73,10 @@ horsepower = 550 * pound_force * foot / second = hp
 degree_Celsius = kelvin; offset: 273.15 = degC
 """
 
+TEMPERATURE = "deg C"
+_ZEROS = {"c": (1.0, 0.0), "k": (1.0, 273.15), "f": (5.0 / 9.0, 32.0)}
+"""Size in deg C of a degree of each scale of temperature, and its mark at 0 deg C."""
+
 OFTEN = {
     "kg m2": ("kg cm2", "kg mm2", "g cm2", "t m2", "kgf m s2", "lb in2", "lbf in s2"),
     "m": ("mm", "cm", "µm", "in", "mil"),
@@ -94,6 +98,7 @@ OFTEN = {
     "N": ("kN", "MN", "kgf", "lbf"),
     "rad/s2": ("deg/s2",),
     "m/s": ("mm/s", "in/s"),
+    TEMPERATURE: ("°C", "K", "deg F"),
 }
 """Units in which numbers of an SI unit, or rpm and deg, are often written."""
 
@@ -175,12 +180,22 @@ def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
         raise UnitError(
             "must be one number and a unit. Write thousands without a mark."
         )
+    if unit == TEMPERATURE:
+        return _temperature(number, written)
     if weight and not (written == unit or _fits(written, unit)):
         written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb)f", r"\1", written))
     scale = factor(written, unit)
     # A quotient of whole numbers is rounded once: 0.2 mm is 0.0002 m.
     parts = round(1 / scale) or 1
     return float(number) / parts if 1 / parts == scale else float(number) * scale
+
+
+def _temperature(number: str, written: str) -> float:
+    """A temperature in deg C; :class:`UnitError` in a unit that is none."""
+    for letter, (size, zero) in _ZEROS.items():
+        if _form(written) in (letter, f"deg{letter}"):
+            return (float(number) - zero) * size
+    raise UnitError(f"must be in {TEMPERATURE}, K or deg F.")
 
 
 def factor(written: str, unit: str) -> float:

@@ -199,19 +199,15 @@ def in_si(topology: Topology, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def numbers_in_si(train: TrainArrays, key: str, values: Sequence[Any]) -> list[float]:
-    """Numbers of a field, those with units in its unit; :class:`SceneError` where a
-    unit does not fit.
+    """Numbers of a field, those with units in its unit; :class:`SceneError` on the
+    first whose unit does not fit: that of a range stands in all its numbers.
     """
     numbers = in_si(train.topology, {key: list(values)})[key]
-    faults = [
-        f"{train.topology.title}, {shown(key)}: {shown(number)} {number.why}"
-        if isinstance(number, Refused)
-        else f"{train.topology.title}, {shown(key)}: {shown(number)} is no number."
-        for number in numbers
-        if isinstance(number, str)
-    ]
-    if faults:
-        raise SceneError(faults)
+    for number in numbers:
+        if isinstance(number, str):
+            fault = number.why if isinstance(number, Refused) else "is no number."
+            where = f"{train.topology.title}, {shown(key)}"
+            raise SceneError(f"{where}: {shown(number)} {fault}")
     return numbers
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 from jaxhb.elements.rules import RULES
 from jaxhb.elements.rules.margins import MARGINS
@@ -21,14 +22,16 @@ DEFAULT = ("M68", GEARS)
 """Rules of a scene that chooses none."""
 
 
-class File(NamedTuple):
+@dataclass(frozen=True)
+class File:
     """A file with a rule: its name and its text."""
 
     name: str
     text: str
 
 
-class Chosen(NamedTuple):
+@dataclass(frozen=True)
+class Chosen:
     """Names of chosen rules in their order, and the files among them."""
 
     names: tuple[str, ...] = DEFAULT
