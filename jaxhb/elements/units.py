@@ -70,7 +70,6 @@ kip = 1000 * pound_force
 psi = pound_force / inch ** 2
 ksi = 1000 * psi
 horsepower = 550 * pound_force * foot / second = hp
-degree_Celsius = kelvin; offset: 273.15 = degC
 """
 
 TEMPERATURE = "deg C"
@@ -99,6 +98,8 @@ OFTEN = {
     "rad/s2": ("deg/s2",),
     "m/s": ("mm/s", "in/s"),
     TEMPERATURE: ("°C", "K", "deg F"),
+    "m2": ("cm2", "mm2", "in2"),
+    "W/(m2 K)": ("kW/(m2 K)",),
 }
 """Units in which numbers of an SI unit, or rpm and deg, are often written."""
 
