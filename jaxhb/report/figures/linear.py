@@ -284,7 +284,7 @@ def _ray_name(
 
 
 MOST = 6  # modes in one picture
-NAMES = 80  # names of disks that have room
+NAMES = 60  # names of disks that have room
 
 
 def plot_modes(

@@ -153,6 +153,8 @@ class ElementReading:
 
     def at(self, speeds: Array) -> ElementReading:
         """The same at some of the speeds, a mask ``(n,)``."""
+        if np.all(speeds):
+            return self  # a copy of the response of many disks is large
         return self.of(self.response[np.flatnonzero(speeds)])
 
     @cached_property
