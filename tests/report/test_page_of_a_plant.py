@@ -9,17 +9,23 @@ import tomllib
 import numpy as np
 import pytest
 from page_cases import CHROMIUM, figures, tables
-from reference_data import text_of
+from reference_data import DATA, text_of
 
 import jaxhb
 from jaxhb.cli.main import main
+from jaxhb.elements.rules.chosen import File
+from jaxhb.report.compute import Asked, solve_cases
 from jaxhb.report.figures.equivalent import ROOM, SIZE, equivalent_system
 from jaxhb.report.files.browser import VARIABLE, find_browser, page_numbers
 from jaxhb.report.files.output import OutputError
 from jaxhb.report.page import page
 from jaxhb.report.page.elements import forward_end
+from jaxhb.report.page.first_page import compliance
+from jaxhb.report.page.judgement import limits
 from jaxhb.report.page.page import Page
+from jaxhb.report.page.parts import Report
 from jaxhb.report.page.words import Words, read_words
+from jaxhb.report.table import Table
 from jaxhb.scene.files import scene_title_block
 
 TITLE = """
@@ -303,3 +309,15 @@ def test_keys_of_the_title_block_are_checked_when_a_scene_is_loaded(tmp_path):
     assert jaxhb.load_scene(scene).report_units == {"torque": "kN m"}
     block, _ = scene_title_block(scene)
     assert block.rows == [("Site", "Halle 3")]
+
+
+def test_a_page_is_judged_by_a_rule_of_the_user():
+    name = "intermediate_shafts.toml"
+    rule = File(name, (DATA / "rules" / name).read_text())
+    train = jaxhb.load_scene("tests/data/scenes/limited_line.toml").with_rules(rule)
+    report = Report(solve_cases({"firing": train}, [600.0], Asked()), facts={})
+    (table, *notes) = compliance(report)
+    assert isinstance(table, Table)
+    assert "intermediate shafts" in table.columns[2]
+    assert any("For steel that counts up to 800 MPa." in str(note) for note in notes)
+    assert limits(report)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.elements.rules import RULES
 from jaxhb.linear.strength import Strength
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
-from jaxhb.report.page.judgement import reversing, rule_notes
+from jaxhb.report.page.judgement import reversing
 from jaxhb.report.page.parts import Block, Report, flowing
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.table import Column, Table
@@ -25,6 +24,7 @@ from jaxhb.report.text.strength import (
     Limited,
     Share,
     largest_shares,
+    rule_notes,
 )
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.report.units import shown_unit
@@ -353,7 +353,7 @@ def compliance(report: Report) -> list[Block]:
 def rule_of(strength: Strength, key: str, kind: Limited, name: str) -> str:
     """Name the rule by which an element is judged."""
     if key == "stresses" and name in strength.rules:
-        rule = RULES[strength.rules[name]]
+        rule = strength.known[strength.rules[name]]
         return rule.title or rule.name
     if kind.limit == "limit":
         return "limit of the scene"

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.rules import RULES
 from jaxhb.linear.strength import Strength
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.page.parts import Block, Heading, Report, flowing
@@ -22,6 +21,7 @@ from jaxhb.report.text.strength import (
     Share,
     answers_strength,
     largest_shares,
+    rule_notes,
     strength_text,
 )
 from jaxhb.train.checks.plausible import plausibility
@@ -246,11 +246,3 @@ def limits(report: Report) -> list[Block]:
     if len(report.cases) > 2 and not report.is_linear:
         blocks += [Heading("Of all misfires"), governing_table(report.cases)]
     return blocks
-
-
-def rule_notes(strength: Strength) -> list[str]:
-    """Tell of every rule its source, a sentence each."""
-    return [
-        RULES[name].note.format(source=RULES[name].source, rated=strength.rated_rpm)
-        for name in dict.fromkeys(strength.rules.values())
-    ]

@@ -273,6 +273,19 @@ def answers_strength(answers: Sequence[Answer]) -> Strength:
     )
 
 
+def rule_notes(strength: Strength) -> list[str]:
+    """What readers are told of the rules of shafts and of the limits of other
+    elements, a text each.
+    """
+    notes = []
+    if any(row.continuous is not None for row in strength.stresses.values()):
+        for name in strength.judged:
+            rule = strength.known[name]
+            notes.append(rule.note.format(source=rule.source, rated=strength.rated_rpm))
+    notes += [LIMITED[kind].note for kind in LIMITED if getattr(strength, kind)]
+    return [note for note in dict.fromkeys(notes) if note]
+
+
 def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
     """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by
     headings ("" without one).
@@ -284,14 +297,9 @@ def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
             _table(strength, kind) for kind in LIMITED if getattr(strength, kind)
         ]
         if any(row.continuous is not None for row in strength.stresses.values()):
-            for name in strength.judged:
-                rule = strength.known[name]
-                note = rule.note.format(source=rule.source, rated=strength.rated_rpm)
-                sources[note] = None
-                if len(strength.rpm) > 1:
-                    blocks.append(_barred_text(strength, name))
-        notes = [LIMITED[kind].note for kind in LIMITED if getattr(strength, kind)]
-        sources |= dict.fromkeys(filter(None, notes))
+            for name in strength.judged if len(strength.rpm) > 1 else ():
+                blocks.append(_barred_text(strength, name))
+        sources |= dict.fromkeys(rule_notes(strength))
         if title and blocks:
             blocks[0] = f"{title}\n{blocks[0]}"
         parts += blocks
