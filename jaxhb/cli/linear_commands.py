@@ -55,6 +55,7 @@ from jaxhb.report.text.strength import strength_text
 from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.excitation import main_speed
 from jaxhb.train.varying import at_speed, varying
 
 MOST_OF_CHECK = 500  # disks of which a check has all modes; of more it has the lowest
@@ -74,9 +75,12 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
     parts = check_text(train, responses, speeds, remarks)
     record = check_record(train, responses, remarks)
     constant = _constant(train, None, arguments.links_at)
+    if constant.topology.depends_on_speed:
+        rpm = float(main_speed(train))
+        constant = constant.with_constant_links(rpm=rpm)
+        parts.append(f"Modes are those at {rpm:g} rpm; --links-at takes another speed.")
     if varying(constant.topology):
-        place = "rpm=1500" if constant.topology.depends_on_speed else "hz=30"
-        parts.append(f"Links vary: natural frequencies need --links-at, as {place}.")
+        parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
         disks = train.topology.n_disks
         modes, kinds, ratios = modes_of(
