@@ -70,6 +70,7 @@ kip = 1000 * pound_force
 psi = pound_force / inch ** 2
 ksi = 1000 * psi
 horsepower = 550 * pound_force * foot / second = hp
+degree_Celsius = kelvin; offset: 273.15 = degC
 """
 
 TEMPERATURE = "deg C"
