@@ -50,7 +50,7 @@ class Disk:
     (:mod:`jaxhb.train.varying`). ``gd2``, the flywheel effect of makers' sheets, stands
     in the place of ``inertia``, which is a quarter of it. ``part`` names the catalogue
     part, and its file, from which the reader of a scene took keys
-    (:mod:`jaxhb.scene.parts`). Limits, which :func:`jaxhb.strength` alone reads:
+    (``jaxhb.scene.parts``). Limits, which :func:`jaxhb.strength` alone reads:
     ``angle_limit`` of half of the peak-to-peak vibratory angle,
     ``speed_irregularity_limit`` of (largest - smallest) / mean speed, and
     ``acceleration_limit`` of half of the peak-to-peak angular acceleration.
