@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -308,7 +309,7 @@ class _Linear:
         # By this angle no harmonic is turned by whole turns.
         step = 360.0 * turn / (harmonics + 1)
         other = forced_response(train.replace({key: start + step}), rpm=rpm)
-        by_step = np.expm1(_by_deg(response.angles, turn) * step)
+        by_step = np.expm1(_by_deg(np.asarray(response.angles), turn) * step)
         by_step[0] = 1.0  # the mean is not turned
         turned = {
             part: (getattr(other, part) - getattr(response, part)) / by_step
@@ -336,7 +337,7 @@ class _Linear:
         parts = {name for quantity in quantities for name in self._parts_of(quantity)}
         response = self.response
         # Parts that are not read are as large, and none of their numbers is copied.
-        changes = {
+        changes: dict[str, Any] = {
             name: self.part(name, angle, places)
             if name in parts
             else np.broadcast_to(
@@ -345,7 +346,8 @@ class _Linear:
             )
             for name in FIELDS
         }
-        bare = dataclasses.replace(response, **dict.fromkeys(FIELDS, response.rpm))
+        nothing: dict[str, Any] = dict.fromkeys(FIELDS, response.rpm)
+        bare = dataclasses.replace(response, **nothing)
         motion = dataclasses.replace(bare[places], **changes)
         return _read(motion, quantities, self.train)
 
