@@ -759,7 +759,8 @@ def tolerance() -> None:
 )
 @option(
     "--phases N",
-    "number of phases of the scan (default: 24; without backlash 16 per harmonic)",
+    "number of phases of the scan (default: 24; per harmonic 16 without backlash, 4"
+    " where teeth stay in contact at every speed and phase)",
     whole,
 )
 @options.file("json")

@@ -794,9 +794,9 @@ def train_of_lane(
 
 @dataclass(frozen=True)
 class DesignForm:
-    """What of the numbers of designs is fixed when their program is compiled: the task,
-    the box of further lanes or None, the harmonics of the excitation, and which leaves
-    of train and problem are held.
+    """Static part of the numbers of designs: the task, the box of further lanes or
+    None, the harmonics of the excitation, and which leaves of train and problem are
+    held.
     """
 
     task: Task

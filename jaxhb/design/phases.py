@@ -335,11 +335,21 @@ class _Linear:
         self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
     ) -> np.ndarray:
         parts = {name for quantity in quantities for name in self._parts_of(quantity)}
-        motion = self.response[places]
+        response = self.response
+        # Parts that are not read are as large, and none of their numbers is copied.
         changes: dict[str, Any] = {
-            name: self.part(name, angle, places) for name in parts
+            name: self.part(name, angle, places)
+            if name in parts
+            else np.broadcast_to(
+                getattr(response, name)[0],
+                (len(places), *getattr(response, name).shape[1:]),
+            )
+            for name in FIELDS
         }
-        return _read(dataclasses.replace(motion, **changes), quantities, self.train)
+        nothing: dict[str, Any] = dict.fromkeys(FIELDS, response.rpm)
+        bare = dataclasses.replace(response, **nothing)
+        motion = dataclasses.replace(bare[places], **changes)
+        return _read(motion, quantities, self.train)
 
     def _parts_of(self, quantity: Objective) -> tuple[str, ...]:
         """The parts of a motion that a quantity is read from."""

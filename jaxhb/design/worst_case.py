@@ -475,10 +475,10 @@ class _Search:
         self.executor = executor
         self.evaluator = Evaluator(train, rpm, box, question.request)
         self.begin = self.evaluator.unsolved(box.unbounded(train)[None])
-        plans = np.array([plan.active for plan in self.begin.plans], dtype=bool)
+        in_contact = np.array([not plan.active for plan in self.begin.plans])
         # Without separation the equations are linear, and trains beside each other cost
         # hardly more than one.
-        self.linear = ~plans[self.begin.plan_number[0]]
+        self.linear = in_contact[self.begin.plan_number[0]]
         together = TOGETHER_LINEAR if self.linear.all() else TOGETHER
         # Lanes of three searches for each speed and quantity.
         self.room = 3 * min(len(rpm), together) * len(box.objectives)
