@@ -567,7 +567,7 @@ class _Solved:
         worst = np.take_along_axis(values, top[..., None], -1)[..., 0]
         for q, quantity in enumerate(quantities):
             largest = np.nan_to_num(worst[:, q], nan=-np.inf)
-            place = largest.argmax(keepdims=True)
+            place = np.atleast_1d(largest.argmax())
             if not largest[place] > least[q]:
                 continue
             peak_angle, peak_value = _golden(
