@@ -390,7 +390,7 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(report, monke
         )
         return dataclasses.replace(response, status=status)
 
-    monkeypatch.setattr(page_parts, "forced_response", failing)
+    monkeypatch.setattr(page_parts, "heat_balance", failing)
     # A report of its own, as responses are kept.
     drawn = linear.forced(dataclasses.replace(report))[1]
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
