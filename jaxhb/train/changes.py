@@ -203,15 +203,13 @@ def numbers_in_si(train: TrainArrays, key: str, values: Sequence[Any]) -> list[f
     unit does not fit.
     """
     numbers = in_si(train.topology, {key: list(values)})[key]
-    faults = [
-        f"{train.topology.title}, {shown(key)}: {shown(number)} {number.why}"
-        if isinstance(number, Refused)
-        else f"{train.topology.title}, {shown(key)}: {shown(number)} is no number."
-        for number in numbers
-        if isinstance(number, str)
-    ]
-    if faults:
-        raise SceneError(faults)
+    # One sentence: numbers of a range have one unit.
+    for number in numbers:
+        if isinstance(number, str):
+            why = number.why if isinstance(number, Refused) else "must be a number."
+            raise SceneError(
+                f"{train.topology.title}, {shown(key)}: {shown(number)} {why}"
+            )
     return numbers
 
 
