@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from jaxhb.elements.sentences import cut, shown
@@ -43,7 +42,7 @@ class Words:
     'größte of 7 Drehzahlen at largest wheel'
     """
 
-    phrases: Mapping[str, str] = MappingProxyType({})
+    phrases: Mapping[str, str] = field(default_factory=dict)
     names: Collection[str] = ()
     used: dict[str, None] = field(default_factory=dict)
 
