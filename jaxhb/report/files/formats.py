@@ -63,6 +63,30 @@ class Format:
         return f"{self.option} {self.metavar}"
 
 
+def _of_page(
+    *,
+    name: str,
+    metavar: str,
+    text: str,
+    kind: str,
+    endings: tuple[str, ...],
+    write: Callable[[str, Any], Iterable[bytes]],
+) -> Format:
+    """A kind of file that is made of the page."""
+    return Format(
+        name=name,
+        metavar=metavar,
+        text=text,
+        kind=kind,
+        endings=endings,
+        need="the page needs",
+        extra="report",
+        libraries=("jinja2", "plotly", "matplotlib"),
+        content="page",
+        write=write,
+    )
+
+
 SCENE_ENDINGS = (".toml",)
 
 FORMATS = {
@@ -143,7 +167,7 @@ FORMATS = {
             content="figure",
             write=as_picture,
         ),
-        Format(
+        _of_page(
             name="html",
             metavar="FILE.html",
             text=(
@@ -152,13 +176,9 @@ FORMATS = {
             ),
             kind="page",
             endings=(".html", ".htm"),
-            need="the page needs",
-            extra="report",
-            libraries=("jinja2", "plotly", "matplotlib"),
-            content="page",
             write=lambda name, page: [page.html()],
         ),
-        Format(
+        _of_page(
             name="pdf",
             metavar="FILE.pdf",
             text=(
@@ -167,22 +187,14 @@ FORMATS = {
             ),
             kind="PDF",
             endings=(".pdf",),
-            need="the page needs",
-            extra="report",
-            libraries=("jinja2", "plotly", "matplotlib"),
-            content="page",
             write=lambda name, page: [printed(page.html)],
         ),
-        Format(
+        _of_page(
             name="phrases",
             metavar="FILE.toml",
             text="write all phrases of the page, to be given in other words by --words",
             kind="list of phrases",
             endings=(".toml",),
-            need="the page needs",
-            extra="report",
-            libraries=("jinja2", "plotly", "matplotlib"),
-            content="page",
             write=lambda name, page: [page.phrases()],
         ),
     )
