@@ -158,9 +158,9 @@ def _over_torque_errors(link: Shaft | Damper) -> list[str]:
     """Check the stiffness of a link over the mean torque, and that it has no other."""
     name = "stiffness_over_torque"
     rows = link.stiffness_over_torque
-    others = ("stiffness", "length", "stiffness_over_rpm", "stiffness_over_hz")
+    constants = ("stiffness", "length", "stiffness_over_rpm", "stiffness_over_hz")
     springs = ("stages", "clearance", "over_hz", "over_amplitude", "order", "surface")
-    texts = _twice_errors(link, name, *others)
+    texts = _twice_errors(link, name, *constants)
     texts += _twice_errors(link, name, *(key for key in springs if hasattr(link, key)))
     if not is_present(rows) or row_errors(name, ("mean torque", "stiffness"), rows):
         return texts
@@ -176,7 +176,7 @@ def _over_hz_errors(link: Shaft | Damper) -> list[str]:
     """Check that a link with numbers over the frequency has each of them once, and one
     that is greater than 0.
     """
-    others = {
+    rivals = {
         "stiffness_over_hz": ("over_hz", "stiffness", "length", "stiffness_over_rpm"),
         "damping_over_hz": (
             "over_hz",
@@ -186,7 +186,7 @@ def _over_hz_errors(link: Shaft | Damper) -> list[str]:
         ),
     }
     texts = _over_torque_errors(link)
-    for name, keys in others.items():
+    for name, keys in rivals.items():
         rows = getattr(link, name)
         texts += _twice_errors(link, name, *keys, "magnifier", "damping_ratio")
         if link.damping_hz is not None and link.relative_damping is not None:
@@ -375,10 +375,10 @@ def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
 
 def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
-    others = _over_rpm_errors(damper)
-    others += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
-    others += _rated_errors(damper)
-    others += _temperature_errors(damper) + _over_hz_errors(damper)
+    errors = _over_rpm_errors(damper)
+    errors += _twice_errors(damper, "stiffness_over_rpm", "stiffness")
+    errors += _rated_errors(damper)
+    errors += _temperature_errors(damper) + _over_hz_errors(damper)
     tables = (
         damper.stiffness_over_rpm,
         damper.damping_over_rpm,
@@ -387,7 +387,7 @@ def damper_errors(damper: Damper) -> list[str]:
         damper.stiffness_over_torque,
     )
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
-        return _damping_errors(damper) + others + _spring_errors(damper)
+        return _damping_errors(damper) + errors + _spring_errors(damper)
     damping_keys = _present_keys(damper, *SHARES)
     if damping_keys:
         needs = (
@@ -427,8 +427,8 @@ def _stiffness_errors(shaft: Shaft) -> list[str]:
     if is_present(shaft.stiffness_over_hz) or is_present(shaft.stiffness_over_torque):
         return []  # its own check tells what stands beside it
     if is_present(shaft.stiffness_over_rpm):
-        others = ("stiffness", "length", "outer", "inner", "shear_modulus")
-        return _twice_errors(shaft, "stiffness_over_rpm", *others)
+        constants = ("stiffness", "length", "outer", "inner", "shear_modulus")
+        return _twice_errors(shaft, "stiffness_over_rpm", *constants)
     if shaft.stiffness is not None:
         if not sizes:
             return []

@@ -129,8 +129,8 @@ def _with_part(
             f"{where} no. {i + 1}{title}: there is no part {shown(name)}.{advice}"
         )
         # Keys that the part may have given are no faults of their own.
-        own = {key: value for key, value in row.items() if key != "part"}
-        return {key: Unread() for key in _FROM_PARTS[table]} | own
+        scene_keys = {key: value for key, value in row.items() if key != "part"}
+        return {key: Unread() for key in _FROM_PARTS[table]} | scene_keys
     return part.keys | row | {"part": f"{name} of {part.file}"}
 
 
@@ -209,17 +209,19 @@ def _sound_keys(
     table: str, row: Mapping[str, Any], where: str, errors: list[str]
 ) -> dict[str, Any]:
     """Keys of a part whose faults have their sentences, the faulty ones unread."""
-    known = {
+    allowed = {
         field.name: field
         for field in fields(TABLES[table])
         if field.name not in OF_SCENE
     }
     keys: dict[str, Any] = {}
     for key, value in row.items():
-        if key not in known:
-            errors.append(f"{where}: unknown key {shown(key)}.{suggestion(key, known)}")
+        if key not in allowed:
+            errors.append(
+                f"{where}: unknown key {shown(key)}.{suggestion(key, allowed)}"
+            )
             continue
-        faults = field_errors(where, known[key], value)
+        faults = field_errors(where, allowed[key], value)
         errors += faults or []
         keys[key] = value if faults is None else Unread()
     return keys

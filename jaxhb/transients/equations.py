@@ -76,8 +76,9 @@ class Frame:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SetUp:
-    """What the blocks of a transient share, events aside: the :class:`Marching`, the
-    :class:`Readings`, and coordinates ``(n, 2S)``, states of (x, x').
+    """Numbers that the blocks of a transient share, events aside: the
+    :class:`Marching`, the :class:`Readings`, and coordinates ``(n, 2S)``, states of (x,
+    x').
     """
 
     marching: Marching

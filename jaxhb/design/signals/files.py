@@ -21,7 +21,7 @@ _SI = {"deg": math.pi / 180, "rpm": _TURNS_A_MINUTE, "1/min": _TURNS_A_MINUTE}
 
 @dataclass(frozen=True)
 class _Head:
-    """What a column holds: its name in :func:`measured_orders`, its unit there, and the
+    """Content of a column: its name in :func:`measured_orders`, its unit there, and the
     unit of a head that names none.
     """
 

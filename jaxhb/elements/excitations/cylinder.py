@@ -198,8 +198,8 @@ class CylinderKind(Excitation):
             # Of all gas cycles from one with injection to the next
             span = revolutions * cylinder.fires_every
             has_crank = cylinder.stroke is not None and cylinder.rod is not None
-            known = is_computed or _tabled(cylinder)
-            two_stroke = known and revolutions == 1
+            has_gas = is_computed or _tabled(cylinder)
+            two_stroke = has_gas and revolutions == 1
             orders = cylinder.orders or (
                 ORDERS_OF_TWO_STROKES if two_stroke else ORDERS
             )

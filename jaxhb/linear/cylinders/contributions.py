@@ -1,4 +1,4 @@
-"""What each cylinder adds to the orders of a linear forced response."""
+"""Contributions of each cylinder to the orders of a linear forced response."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def cylinder_contributions(
     *,
     rpm: Sequence[float] | Array,
 ) -> Contributions:
-    """What each cylinder adds to a signal of the linear forced response.
+    """Contributions of each cylinder to a signal of the linear forced response.
 
     A linear response is the sum of those to each excitation: a cylinder adds the
     response less that of the train without its torques, of gas and reciprocating mass.

@@ -1,4 +1,4 @@
-"""What critical speeds mean: amplitudes, torques and stresses of the order that is
+"""Meaning of critical speeds: amplitudes, torques and stresses of the order that is
 critical there, beside their limits; Holzer's tables and vector sums of the modes that
 matter.
 """

@@ -307,7 +307,7 @@ def _signal(reading: ElementReading, response: Response) -> Signal:
 
 
 def contributions_text(reading: ElementReading, added: Contributions) -> Table:
-    """What each cylinder adds to the main orders of an element, as amplitude, and as
+    """Shares of each cylinder in the main orders of an element, as amplitude, and as
     share in the direction of the whole.
     """
     factor, unit = reading.shown

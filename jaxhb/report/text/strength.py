@@ -274,8 +274,8 @@ def answers_strength(answers: Sequence[Answer]) -> Strength:
 
 
 def rule_notes(strength: Strength) -> list[str]:
-    """What readers are told of the rules of shafts and of the limits of other
-    elements, a text each.
+    """Texts that tell readers of the rules of shafts and of the limits of other
+    elements.
     """
     notes = []
     if any(row.continuous is not None for row in strength.stresses.values()):

@@ -348,13 +348,13 @@ def _sorted(columns: Sequence[Column], rows: Sequence[Any]) -> list[Column]:
     """
 
     def rank(column: Column) -> tuple:
-        given = any(_inside(row, column.path) is not None for row in rows)
+        is_used = any(_inside(row, column.path) is not None for row in rows)
         first = column.name != "name"
         return (
             first,
             column.kind not in ("pair", "disk"),
             not column.required,
-            not given,
+            not is_used,
         )
 
     return sorted(columns, key=rank)
