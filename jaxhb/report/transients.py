@@ -21,7 +21,7 @@ from jaxhb.linear.strength import (
     strength,
     stress_limits,
 )
-from jaxhb.results.motion import drive_sense
+from jaxhb.results.motion import drive_sense, sense_of
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.topology import Topology
 from jaxhb.transients.fatigue import SNCurve, count_cycles, damage_of
@@ -252,7 +252,8 @@ def signal_of(motion: Any, name: str) -> Any:
 def signal_for_people(run: Transient, name: str) -> History:
     """Read the same, in the drive sense of the link."""
     signal = signal_of(run, name)
-    return signal if drive_sense(run, name) > 0 else signal.reversed()
+    in_sense = sense_of(run.topology, name, signal) > 0
+    return signal if in_sense else signal.reversed()
 
 
 def governing_link(report: TransientReport) -> str:

@@ -25,6 +25,11 @@ def drive_sense(motion: Any, name: str) -> int:
     """
     topology = motion.topology
     signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
+    return sense_of(topology, name, signal)
+
+
+def sense_of(topology: Topology, name: str, signal: Any) -> int:
+    """:func:`drive_sense` of a link whose signal has been read."""
     mean = float(signal.mean)
     first, second = topology.link_ends[topology.link_index(name)[0]]
     if abs(mean) > ROUNDING * float(signal.peak):

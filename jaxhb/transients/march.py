@@ -8,7 +8,7 @@ Krogstad's scheme (:mod:`jaxhb.integration.step`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import jax
@@ -74,6 +74,15 @@ class Varying:
             return (powers[..., None] * chosen).sum(axis=-2)
 
         return values(self.stiffness), values(self.viscous)
+
+    def of(self, spring: int) -> Varying:
+        """One spring of them, ``V = 1``."""
+        chosen = slice(spring, spring + 1)
+        return replace(
+            self,
+            stiffness=self.stiffness[..., chosen],
+            viscous=self.viscous[..., chosen],
+        )
 
 
 @jax.tree_util.register_dataclass

@@ -297,8 +297,8 @@ class Transient(Motion[History, ToothContact, Array]):
         stiffness = readings.stiffness[link]
         viscous = readings.viscous[link]
         if readings.links_over_speed is not None:
-            over_time = readings.links_over_speed.at(self.rpm * (np.pi / 30))
-            stiffness, viscous = (values[:, link] for values in over_time)
+            over_time = readings.links_over_speed.of(link).at(self.rpm * (np.pi / 30))
+            stiffness, viscous = (values[:, 0] for values in over_time)
         elastic = stiffness * bend
         transmitted = elastic + viscous * rate
         return transmitted, elastic
