@@ -42,9 +42,9 @@ from jaxhb.train.speeds import check_speed
 from jaxhb.train.topology import Topology
 from jaxhb.train.varying import at_speed
 
-LINEAR_STEPS = 30  # of the golden section round the worst phase of the scan
-STEPS = 8  # of that with backlash, where each is a solve
-GOLDEN = (5**0.5 - 1) / 2
+LINEAR_STEPS = 6  # of the parabolas round the worst phase of the scan
+STEPS = 4  # of those with backlash, where each is a solve
+CLOSEST = 1e-4  # share of a step of the scan between two angles that are tried
 PHASES = 24  # of the scan of a train that is solved at each
 # Phases of the scan of a linear train for each harmonic that the engine excites
 PER_HARMONIC = 16
@@ -116,7 +116,7 @@ def worst_phase(
     Of a linear train exactly, at every speed, and so where the teeth of a train with
     backlash stay in contact at every phase. At other speeds, and where links vary with
     their amplitude, a scan of the circle by :func:`jaxhb.solve_speeds`, and round the
-    worst phase of each quantity, at the speed at which it is largest, a golden section:
+    worst phase of each quantity, at the speed at which it is largest, by parabolas:
     what is narrower than a step of the scan may be missed. :class:`SceneError` of
     unknown names.
 
@@ -440,7 +440,7 @@ class _Linear:
             places, tried = np.nonzero(near & known[:, None])
             if not len(places):
                 continue
-            peak_angle, peak_value = _golden(
+            peak_angle, peak_value = _refined(
                 partial(read, places=places),
                 angles[tops[places, q, tried]],
                 width=circle / count,
@@ -570,7 +570,7 @@ class _Solved:
             place = np.atleast_1d(largest.argmax())
             if not largest[place] > least[q]:
                 continue
-            peak_angle, peak_value = _golden(
+            peak_angle, peak_value = _refined(
                 partial(self, quantities=(quantity,), places=place),
                 angles[top[place, q]],
                 width=circle / count,
@@ -596,33 +596,59 @@ class _Solved:
         return left_out(rpm, status, title, answered=np.zeros(len(rpm), dtype=bool))
 
 
-def _golden(
+def _refined(
     value: Callable[..., np.ndarray],
     middle: np.ndarray,
     *,
     width: float,
     steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the largest value ``(S, 1)`` of a function of angles ``(S,)`` within
-    ``width`` of each, by golden sections: the angles and the values ``(S,)``.
+    """Find the largest value ``(k, 1)`` of a function of angles ``(k,)`` within
+    ``width`` of each, by parabolas through the best angle and those beside it: the
+    angles and the values ``(k,)``.
+
+    Extremes over the cycle are upper envelopes of smooth functions of the phase, whose
+    maxima are smooth, so that the parabolas converge.
     """
 
-    def point(angle: np.ndarray) -> np.ndarray:
-        return np.stack([angle, np.nan_to_num(value(angle)[:, 0], nan=-np.inf)])
+    def value_at(angle: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(value(angle)[:, 0], nan=-np.inf)
 
-    low = middle - width
-    high = middle + width
-    # Rows of angles and values.
-    first = point(high - GOLDEN * (high - low))
-    second = point(low + GOLDEN * (high - low))
+    angles = middle + width * np.array([[-1.0], [0.0], [1.0]])
+    values = np.stack([value_at(angle) for angle in angles])
     for _ in range(steps):
-        left = first[1] > second[1]
-        low = np.where(left, low, first[0])
-        high = np.where(left, second[0], high)
-        better = np.where(left, first, second)
-        reach = GOLDEN * (high - low)
-        fresh = point(np.where(left, high - reach, low + reach))
-        first = np.where(left, fresh, better)
-        second = np.where(left, better, fresh)
-    angle, largest = np.where(first[1] > second[1], first, second)
-    return angle, largest
+        fresh = _between(angles, values, CLOSEST * width)
+        angles = np.vstack([angles, fresh])
+        values = np.vstack([values, value_at(fresh)])
+        order = np.argsort(angles, axis=0)
+        values = np.take_along_axis(values, order, 0)
+        angles = np.take_along_axis(angles, order, 0)
+        # The best of the four and those beside it
+        kept = np.clip(values.argmax(0) - 1, 0, 1) + np.arange(3)[:, None]
+        values = np.take_along_axis(values, kept, 0)
+        angles = np.take_along_axis(angles, kept, 0)
+    best = values.argmax(0)[None]
+    largest = np.take_along_axis(values, best, 0)[0]
+    return np.take_along_axis(angles, best, 0)[0], largest
+
+
+def _between(angles: np.ndarray, values: np.ndarray, closest: float) -> np.ndarray:
+    """The next angle ``(k,)`` to try, between three ``(3, k)`` in order: the top of the
+    parabola through their ``values`` where the middle one is best, not nearer to it
+    than ``closest``; else halfway from the best to the middle one.
+    """
+    low, middle, high = angles
+    below = middle - low
+    above = high - middle
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rise = values[1] - values[0]
+        fall = values[1] - values[2]
+        shift = 0.5 * (above**2 * rise - below**2 * fall)
+        shift = shift / (below * fall + above * rise)
+    wider = np.where(above > below, 1.0, -1.0)
+    small = ~(np.abs(shift) > closest)
+    shift = np.where(small, wider * closest, shift)
+    top = np.clip(middle + shift, low + closest, high - closest)
+    best = values.argmax(0)
+    halfway = (middle + np.where(best == 0, low, high)) / 2
+    return np.where(best == 1, top, halfway)
