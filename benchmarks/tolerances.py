@@ -25,8 +25,7 @@ import jaxhb
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Tolerance, read_tolerances
 from jaxhb.design.tolerances import box_of
-from jaxhb.design.worst_case import _Search
-from jaxhb.results.checkpoint import computed
+from jaxhb.design.worst_case import _Question, _Search
 
 RPM = {
     "engine_with_damper": np.linspace(800.0, 2400.0, 12),
@@ -70,9 +69,7 @@ def dense(train, rpm, tolerances, of):
     speeds in contact; nan elsewhere.
     """
     request = Request.of(train, None, 0.01)
-    search = _Search(
-        train, rpm, box_of(train, tolerances, of), request, lambda text: None, computed
-    )
+    search = _Search(_Question(train, rpm, box_of(train, tolerances, of), request))
     search.room = 8 * 64
     search.start()
     search.sampled(
