@@ -24,7 +24,7 @@ from jaxhb.elements.rules.chosen import Chosen
 from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
 from jaxhb.elements.units import si_value
-from jaxhb.elements.value_checks import TOGETHER, rule_errors
+from jaxhb.elements.value_checks import TOGETHER, present_keys, rule_errors
 from jaxhb.elements.values import (
     field_errors,
     is_list,
@@ -493,6 +493,29 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
             f"{parts.source}, [scene]: reference: there is no disk"
             f" {shown(reference)}.{near(reference)}"
         )
+    return errors
+
+
+def archer_errors(parts: Parts) -> list[str]:
+    """Check that the disks of loads with ``archer`` have no damping of their own."""
+    errors = []
+    for index, load in enumerate(parts.tables["load"]):
+        disk = parts.disk(load.disk)
+        if load.archer is None or disk is None:
+            continue
+        where = parts.where("load", index)
+        if disk >= len(parts.tables["disk"]):
+            errors.append(
+                f"{where}: archer damps a [[disk]], and {shown(load.disk)} is the ring"
+                " of a [[damper]]. Put the load on a disk."
+            )
+            continue
+        keys = present_keys(parts.tables["disk"][disk], "damping", "damping_over_rpm")
+        if keys:
+            errors.append(
+                f"{where}: archer gives the damping of {shown(load.disk)}, which has"
+                f" {joined(keys)}. Keep one of them."
+            )
     return errors
 
 
