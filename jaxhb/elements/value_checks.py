@@ -34,6 +34,7 @@ from jaxhb.elements.values import (
     number_like,
     plain_number,
     row_errors,
+    several_given,
 )
 
 
@@ -89,9 +90,8 @@ def disk_errors(disk: Disk) -> list[str]:
             "the key 'inertia' is missing. Give at least 0 kg m2, or gd2, four times"
             " as much."
         )
-    elif disk.inertia is not None and disk.gd2 is not None:
-        texts.append("inertia and gd2 are both given. Keep one of them.")
-    return texts
+    present = [key for key in ("inertia", "gd2") if getattr(disk, key) is not None]
+    return texts + several_given(present)
 
 
 def ground_errors(ground: Ground) -> list[str]:
@@ -627,7 +627,7 @@ def _law_errors(load: Load) -> list[str]:
     present = [key.split()[0] for key, value in rated.items() if value is not None]
     lacking = [key for key, value in rated.items() if value is None]
     if load.law and is_present(load.over_rpm):
-        return ["law and over_rpm are both given. Keep one of them."]
+        return several_given(["law", "over_rpm"])
     if load.law == "constant":
         lacking = lacking[: load.rated_torque is None]
     if load.law in LOAD_LAWS and lacking:

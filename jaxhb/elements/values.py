@@ -357,6 +357,22 @@ def joined(texts: Iterable[str]) -> str:
     return "".join(words)
 
 
+def several_given(names: Sequence[str]) -> list[str]:
+    """Say that keys are given of which one is enough; nothing of fewer than two."""
+    if len(names) < 2:
+        return []
+    count = "both" if len(names) == 2 else "all"
+    return [f"{joined(names)} are {count} given. Keep one of them."]
+
+
+def exactly_one(element: Any, *names: str) -> list[str]:
+    """Check that an element has one of two keys."""
+    present = [name for name in names if is_present(getattr(element, name))]
+    if present:
+        return several_given(present)
+    return [f"neither {' nor '.join(names)} is given. Give one of them."]
+
+
 def sound_orders(rows: Any) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
     if not isinstance(rows, tuple | list):
