@@ -2,7 +2,6 @@
 same commands with plain numbers.
 """
 
-
 import pytest
 from tolerances import ALGEBRAIC
 
