@@ -631,10 +631,14 @@ def _law_errors(load: Load) -> list[str]:
     if load.law == "constant":
         lacking = lacking[: load.rated_torque is None]
     if load.law in LOAD_LAWS and lacking:
-        return [f"law {shown(load.law)} needs {joined(lacking)}. Give it."]
+        return [
+            f"law {shown(load.law)} needs {joined(lacking)}. Give"
+            f" {'them' if lacking[1:] else 'it'}."
+        ]
     if not load.law and present:
         return [
-            f"{joined(present)} without law says nothing. Give law, or leave it out."
+            f"{joined(present)} {'say' if present[1:] else 'says'} nothing without law."
+            f" Give law, or leave {'them' if present[1:] else 'it'} out."
         ]
     if row_errors("over_rpm", OVER_RPM, load.over_rpm):
         return []

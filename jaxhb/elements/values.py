@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.elements.declared import LARGEST, SMALLEST, Unread, fields_of
-from jaxhb.elements.sentences import MOST_SENTENCES, shown, suggestion
+from jaxhb.elements.sentences import MOST_SENTENCES, nearest, shown
 from jaxhb.elements.units import Refused
 from jaxhb.excitation import gas
 
@@ -148,8 +148,8 @@ def _value_errors(field: dataclasses.Field, value: Any) -> list[str]:
         words = [word for word in field.metadata["words"] if word]
         if value in field.metadata["words"]:
             return []
-        expected = " or ".join(repr(word) for word in words)
-        near = suggestion(value, words)
+        expected = joined(map(repr, words), "or")
+        near = nearest(value, words)
     else:
         test, expected, _ = _KINDS[kind]
         if test(value):
@@ -349,11 +349,11 @@ def plain_number(value: Any) -> TypeGuard[float]:
     )
 
 
-def joined(texts: Iterable[str]) -> str:
-    """Join texts by commas and a last "and"."""
+def joined(texts: Iterable[str], last: str = "and") -> str:
+    """Join texts by commas and a ``last`` word."""
     words = list(texts)
     if len(words) > 1:
-        return f"{', '.join(words[:-1])} and {words[-1]}"
+        return f"{', '.join(words[:-1])} {last} {words[-1]}"
     return "".join(words)
 
 
