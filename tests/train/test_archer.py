@@ -2,11 +2,12 @@
 whose disk has rows over the speed.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from differences import check_derivative
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, GRADIENT
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, SceneError, Shaft, Torque
@@ -131,6 +132,20 @@ def test_derivatives_by_all_numbers_of_the_formula():
         return jnp.stack([response.torques[1, 3].real, response.torques[1, 3].imag])
 
     check_derivative(value, [*(train.value(key) for key in keys), 317.0])
+
+
+@pytest.mark.slow
+def test_transients_have_derivatives_by_the_factor():
+    train = ship()
+    run_up = {"seconds": 0.3, "speed": [(0.0, 250.0), (0.3, 380.0)]}
+
+    def value(factor):
+        motion = jaxhb.transient(train.replace({"water.archer": factor}), **run_up)
+        return jnp.sum(motion.torque("wheel", "screw").values ** 2)
+
+    step = 0.01
+    expected = (value(FACTOR + step) - value(FACTOR - step)) / (2 * step)
+    assert jax.grad(value)(FACTOR) == pytest.approx(float(expected), rel=GRADIENT)
 
 
 def test_it_is_changed_read_and_left_out():
