@@ -157,7 +157,7 @@ def _row_errors(
     rows = getattr(element, field)
     if not rows:
         return [f"{name!r} has no {field}. Build the scene with such rows."]
-    texts = field_errors(repr(name), fields_of_class(type(element))[field], value)
+    texts = field_errors(repr(name), fields_of_class(TABLES[table])[field], value)
     if texts is not None or not parts.usable(table, index, field):
         return texts or []
     if len(value) != len(rows):
