@@ -54,9 +54,9 @@ from .elements.events import (
 from .elements.excitations.crank_slider import (
     Combustion as Combustion,
     Cylinder as Cylinder,
-    TangentialPressure as TangentialPressure,
     Trace as Trace,
 )
+from .elements.excitations.tangential import TangentialPressure as TangentialPressure
 from .elements.excitations.torque import Torque as Torque
 from .elements.sentences import SceneError as SceneError
 from .floquet.stability import Stability as Stability, stability as stability

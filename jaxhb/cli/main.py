@@ -15,16 +15,19 @@ from jaxhb.cli import arguments as cli, options
 from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import (
+    angle,
     bounded,
     count,
-    finite,
+    frequency,
     one_speed,
     orders,
     positive,
+    seconds,
     share,
     speed_pair,
     speed_range,
     speed_rows,
+    speed_step,
     whole,
 )
 from jaxhb.elements.sentences import LONGEST_SENTENCE, cut
@@ -351,8 +354,9 @@ def modes() -> None:
 @options.MEAN_LOAD
 @option(
     "--hz F [F ...]",
-    "frequencies, Hz (default: the first three that strain links)",
-    positive,
+    "frequencies, Hz or with a unit, as 600rpm (default: the first three that strain"
+    " links)",
+    frequency,
 )
 @option("--mode K [K ...]", "modes, with the numbers of jaxhb modes", count)
 @options.file("json", "write the tables in full precision, SI units")
@@ -528,11 +532,11 @@ def sweep() -> None:
     " step.json",
 )
 @options.SCENE
-@option("--seconds T", "duration, s", positive, required=True)
+@option("--seconds T", "duration, s or with a unit, as 2min", seconds, required=True)
 @option(
     "--speed S:RPM,...",
     "speed of the reference rotor over time, rows of s and rpm: linear between them,"
-    " the last one stays",
+    " the last one stays; units stand behind the last row, as 0:4,2min:9Hz",
     speed_rows,
 )
 @option("--rpm R", "constant speed, rpm; with --free: the first speed", one_speed)
@@ -555,8 +559,8 @@ def sweep() -> None:
 )
 @option(
     "--passage LOW:HIGH",
-    "tell the seconds between these speeds, rpm; may be repeated (barred ranges are"
-    " found anyway)",
+    "tell the seconds between these speeds, rpm or with a unit, as 4:7Hz; may be"
+    " repeated (barred ranges are found anyway)",
     speed_pair,
     multiple=True,
 )
@@ -854,15 +858,15 @@ def identify() -> None:
 )
 @option(
     "--step RPM",
-    "average blocks whose speeds lie in a window of this width",
-    positive,
+    "average blocks whose speeds lie in a window of this width, rpm or with a unit",
+    speed_step,
     default="10",
     show_default=True,
 )
 @option(
     "--mark DEG",
-    "angle of the cycle at the mark, 0 at firing top dead centre",
-    finite,
+    "angle of the cycle at the mark, 0 at firing top dead centre, deg or with a unit",
+    angle,
     default="0",
     show_default=True,
 )

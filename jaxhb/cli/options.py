@@ -19,7 +19,7 @@ import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
 from jaxhb.cli import arguments as cli
-from jaxhb.cli.values import place, positive, setting, share, units, whole
+from jaxhb.cli.values import frequency, place, positive, setting, share, units, whole
 from jaxhb.report.files.formats import FORMATS, OF_NUMBERS
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
@@ -362,15 +362,15 @@ SCENE = together(
     option(
         "--links-at hz=VALUE",
         "make variable links constant, with their values at this frequency (hz),"
-        " amplitude (rad) or speed (rpm)",
+        " amplitude (rad) or speed (rpm), which may have another unit, as rpm=25Hz",
         place,
         multiple=True,
     ),
     option(
         "--viscous HZ",
         "turn loss factors into viscous damping that dissipates the same power at this"
-        " frequency, Hz",
-        positive,
+        " frequency, Hz or with a unit, as 600rpm",
+        frequency,
     ),
 )
 """The scene and what is changed in it; of a tuning without what the tuned scene could

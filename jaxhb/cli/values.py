@@ -5,7 +5,7 @@ what is wrong.
 import math
 from functools import partial
 
-from jaxhb.elements.units import chosen_units, has_unit, split
+from jaxhb.elements.units import Refused, chosen_units, has_unit, si_number, split
 from jaxhb.train.speeds import read_speeds, with_units
 
 RANGE_COUNT = 33  # speeds of a range that has no count
@@ -32,39 +32,49 @@ def orders(text: str) -> list[float]:
     return [positive(word) for word in text.split(",")]
 
 
-def positive(text: str, below: float = math.inf, bound: str = "") -> float:
-    """A number greater than 0."""
-    value = _number(text)
+def positive(
+    text: str, below: float = math.inf, bound: str = "", unit: str = ""
+) -> float:
+    """A number greater than 0, in a ``unit`` where one is written."""
+    value = _number(text, unit)
     if not 0 < value < below:
-        raise ValueError(f"{text!r} must be a number greater than 0{bound}")
+        in_unit = f" {unit}" if unit else ""
+        raise ValueError(f"{text!r} must be a number greater than 0{in_unit}{bound}")
     return value
+
+
+seconds = partial(positive, unit="s")
+frequency = partial(positive, unit="Hz")
+speed_step = partial(positive, unit="rpm")
 
 
 def speed_rows(text: str) -> list[tuple[float, float]]:
     """Rows of (s, rpm) from ``S:RPM,S:RPM,...``; what they hold is checked later."""
-    rows = []
-    for word in text.split(","):
-        numbers = [_number(part) for part in word.split(":")]
-        if len(numbers) != 2 or math.isnan(sum(numbers)):
-            raise ValueError(
-                f"{text!r} is not S:RPM,S:RPM,..., seconds and speeds in rpm, as"
-                " 0:0,20:120"
-            )
-        rows.append((numbers[0], numbers[1]))
-    return rows
+    rows = [word.split(":") for word in text.split(",")]
+    if all(len(row) == 2 for row in rows):
+        times, speeds = (with_units(column) for column in zip(*rows, strict=True))
+        numbers = [
+            (_number(time, "s"), _number(speed, "rpm"))
+            for time, speed in zip(times, speeds, strict=True)
+        ]
+        if not any(math.isnan(sum(row)) for row in numbers):
+            return numbers
+    raise ValueError(
+        f"{text!r} is not S:RPM,S:RPM,..., seconds and speeds in rpm, as 0:0,20:120"
+    )
 
 
 def speed_pair(text: str) -> tuple[float, float]:
     """Two speeds in rpm from ``LOW:HIGH``."""
-    ends = [_number(word) for word in text.split(":")]
+    ends = [_number(word, "rpm") for word in with_units(text.split(":"))]
     if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
         raise ValueError(f"{text!r} is not LOW:HIGH, speeds in rpm, as 400:450")
     return ends[0], ends[1]
 
 
-def finite(text: str) -> float:
-    """A finite number."""
-    value = _number(text)
+def angle(text: str) -> float:
+    """An angle in deg."""
+    value = _number(text, "deg")
     if math.isnan(value):
         raise ValueError(f"{text!r} must be a number")
     return value
@@ -134,8 +144,9 @@ def bounded(text: str) -> tuple[str, tuple[float | str, float | str]]:
 def place(text: str) -> tuple[str, float]:
     """``(hz | amplitude | rpm, VALUE)``."""
     name, _, number = text.partition("=")
-    value = _number(number)
-    if name not in ("hz", "amplitude", "rpm") or not value >= 0:
+    unit = {"hz": "Hz", "amplitude": "rad", "rpm": "rpm"}.get(name)
+    value = math.nan if unit is None else _number(number, unit)
+    if not value >= 0:
         raise ValueError(
             f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at"
             " least 0"
@@ -143,10 +154,15 @@ def place(text: str) -> tuple[str, float]:
     return name, value
 
 
-def _number(text: str) -> float:
-    """A finite number, or nan."""
+def _number(text: str, unit: str = "") -> float:
+    """A finite number, in a ``unit`` where one is written, or nan; :class:`ValueError`
+    with a sentence if the written one does not fit.
+    """
+    number = si_number(text, unit) if unit else text
+    if isinstance(number, Refused):
+        raise ValueError(f"{text!r} {number.why}")
     try:
-        value = float(text)
+        value = float(number)
     except ValueError:
         return math.nan
     return value if math.isfinite(value) else math.nan

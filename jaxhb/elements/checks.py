@@ -3,8 +3,9 @@ and remedy.
 
 Scenarios are named sets of values of a scene, as a coupling that is warm or worn:
 ``[scenario.NAME]`` holds ``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in
-the units of the scene, ``CYLINDER.fires``, ``CYLINDER.combustion.FIELD`` and, with the
-orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]``
+the units of the scene, ``CYLINDER.fires``, ``CYLINDER.combustion.FIELD``, with the
+orders of the scene ``harmonics`` or ``gas_torque``, and with as many rows as the scene
+``damping_over_rpm``, ``stiffness_over_rpm`` and ``lines``. ``without = [ELEMENT, ...]``
 leaves elements out, as a clutch that is open.
 """
 
@@ -24,7 +25,7 @@ from jaxhb.elements.rules.chosen import Chosen
 from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
 from jaxhb.elements.units import si_value
-from jaxhb.elements.value_checks import TOGETHER, rule_errors
+from jaxhb.elements.value_checks import TOGETHER, present_keys, rule_errors
 from jaxhb.elements.values import (
     field_errors,
     is_list,
@@ -124,6 +125,8 @@ def _scenario_errors(
     if name not in places:
         return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
     (table, index) = places[name]
+    if field in WHOLE_ROWS and field in fields_of_class(TABLES[table]):
+        return _row_errors(parts, places[name], key, value)
     has_orders = field in ORDER_ROWS
     rows = getattr(parts.tables[table][index], field, None) if has_orders else None
     if rows:
@@ -142,6 +145,28 @@ def _scenario_errors(
         f"a [[{table}]] as {name!r}",
         repr(name),
     )
+
+
+def _row_errors(
+    parts: Parts, place: tuple[str, int], key: str, value: Any
+) -> list[str]:
+    """Sentences on rows that stand whole in a scenario, ``key`` = "NAME.lines"."""
+    table, index = place
+    name, _, field = key.rpartition(".")
+    element = parts.tables[table][index]
+    rows = getattr(element, field)
+    if not rows:
+        return [f"{name!r} has no {field}. Build the scene with such rows."]
+    texts = field_errors(repr(name), fields_of_class(TABLES[table])[field], value)
+    if texts is not None or not parts.usable(table, index, field):
+        return texts or []
+    if len(value) != len(rows):
+        counts = f"{len(value)}, must be {len(rows)}, as many as in the scene"
+        return [f"the number of rows of {key} is {counts}."]
+    check = TOGETHER[table][0]
+    known = check(element)
+    changed = dataclasses.replace(element, **{field: value})
+    return [f"{name!r}: {text}" for text in check(changed) if text not in known]
 
 
 def _inner_errors(
@@ -196,6 +221,8 @@ INNER = {
 """Classes of the tables inside elements by their keys."""
 ORDER_ROWS = {"harmonics", *(kind.order_rows for kind in EXCITATIONS.values())}
 """Keys of loads and of excitations that a scenario may change row by row."""
+WHOLE_ROWS = ("damping_over_rpm", "stiffness_over_rpm", "lines")
+"""Keys whose rows a scenario may replace, as many as there are."""
 
 
 class Parts:
@@ -493,6 +520,29 @@ def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[
             f"{parts.source}, [scene]: reference: there is no disk"
             f" {shown(reference)}.{near(reference)}"
         )
+    return errors
+
+
+def archer_errors(parts: Parts) -> list[str]:
+    """Check that the disks of loads with ``archer`` have no damping of their own."""
+    errors = []
+    for index, load in enumerate(parts.tables["load"]):
+        disk = parts.disk(load.disk)
+        if load.archer is None or disk is None:
+            continue
+        where = parts.where("load", index)
+        if disk >= len(parts.tables["disk"]):
+            errors.append(
+                f"{where}: archer damps a [[disk]], and {shown(load.disk)} is the ring"
+                " of a [[damper]]. Put the load on a disk."
+            )
+            continue
+        keys = present_keys(parts.tables["disk"][disk], "damping", "damping_over_rpm")
+        if keys:
+            errors.append(
+                f"{where}: archer gives the damping of {shown(load.disk)}, which has"
+                f" {joined(keys)}. Keep one of them."
+            )
     return errors
 
 

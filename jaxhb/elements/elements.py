@@ -34,6 +34,10 @@ from jaxhb.elements.events import Event
 from jaxhb.elements.excitations import EXCITATIONS
 
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
+_ARCHER_FACTOR = (
+    "Archer's chart over pitch and blade area has these, 30 is usual; give another"
+    " damping as damping_over_rpm of the disk."
+)
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on"
     " a taper; for a notch with stress concentration factor scf give 1.45 / scf."
@@ -330,6 +334,11 @@ class Load:
     constant excitation); with ``over_rpm``, rows of (rpm, N m), what lies between these
     linearly, constant outside. Torques are those on its own shaft, without sign: it
     brakes.
+
+    ``archer`` a, beside the law "propeller", gives its disk Archer's damping of
+    propellers, ``c = a M / n`` in N m s/rad with the torque M in N m that the law has
+    at the speed n of its own shaft in rpm: proportional to the speed
+    (:func:`jaxhb.train.varying.archer_damping`).
     """
 
     disk: str = declared("disk")
@@ -341,6 +350,9 @@ class Load:
     rated_torque: float | None = positive("N m", None)
     rated_rpm: float | None = positive("rpm", None)
     over_rpm: tuple = rows(OVER_RPM)
+    archer: float | None = quantity(
+        "", None, least=20.0, most=40.0, remedy=_ARCHER_FACTOR
+    )
     name: str | None = declared("name", None)
 
 

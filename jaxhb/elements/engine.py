@@ -16,7 +16,7 @@ from jaxhb.elements.excitations.crank_slider import (
     Cylinder,
 )
 from jaxhb.elements.sentences import shown, suggestion
-from jaxhb.elements.values import field_errors, number_like
+from jaxhb.elements.values import field_errors, number_like, several_given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,9 +309,7 @@ def _interval_errors(engine: Engine, count: int) -> list[str]:
     if intervals is None:
         return []
     if engine.firing == "even":
-        return [
-            "firing_intervals and firing = 'even' are both given. Keep one of them."
-        ]
+        return several_given(["firing_intervals", "firing = 'even'"])
     if (
         not all(
             number_like(interval) and math.isfinite(interval) and interval >= 0

@@ -23,11 +23,13 @@ from jaxhb.elements.declared import (
 )
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
+    exactly_one,
     is_present,
     joined,
     numbers_errors,
     plain_number,
     row_errors,
+    several_given,
 )
 
 TIMED = ("seconds", "torque")
@@ -216,9 +218,8 @@ def event_errors(event: Event) -> list[str]:
 
 def _begin_errors(event: Event) -> list[str]:
     """Check begin and end against each other."""
-    texts = []
-    if event.begin is not None and event.begin_deg is not None:
-        texts.append("begin and begin_deg are both given. Keep one of them.")
+    begins = [key for key in ("begin", "begin_deg") if getattr(event, key) is not None]
+    texts = several_given(begins)
     if event.end is None:
         return texts
     if event.begin_deg is not None:
@@ -336,11 +337,8 @@ def _ice_errors(ice: Any) -> list[str]:
         )
     if ice.case is None and ice.contact_deg is None:
         texts.append("ice: neither case nor contact_deg is given. Give one of them.")
-    if ice.angle_deg is None and ice.thickness is None:
-        texts.append("ice: neither angle_deg nor thickness is given. Give one of them.")
-    if ice.angle_deg is not None and ice.thickness is not None:
-        texts.append("ice: angle_deg and thickness are both given. Keep one of them.")
-    return texts
+    lengths = exactly_one(ice, "angle_deg", "thickness")
+    return texts + [f"ice: {text}" for text in lengths]
 
 
 def _clutch_errors(clutch: Any) -> list[str]:

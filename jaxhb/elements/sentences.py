@@ -60,15 +60,19 @@ def suggestion(word: Any, choices: Iterable[str]) -> str:
     nothing is near.
     """
     words = list(choices)
-    near = difflib.get_close_matches(
-        word if isinstance(word, str) else "", words, n=1, cutoff=0.6
-    )
-    if near:
-        return f" Did you mean {shown(near[0])}?"
-    if not words:
-        return ""
+    near = nearest(word, words)
+    if near or not words:
+        return near
     listed = ", ".join(map(shown, words[:8]))
     return f" Known: {listed}{', …' if len(words) > 8 else ''}."
+
+
+def nearest(word: Any, choices: Iterable[str]) -> str:
+    """Say what was probably meant, nothing where no choice is near."""
+    near = difflib.get_close_matches(
+        word if isinstance(word, str) else "", choices, n=1, cutoff=0.6
+    )
+    return f" Did you mean {shown(near[0])}?" if near else ""
 
 
 class Suggestions:

@@ -34,6 +34,7 @@ from jaxhb.elements.values import (
     number_like,
     plain_number,
     row_errors,
+    several_given,
 )
 
 
@@ -75,7 +76,7 @@ def _over_rpm_errors(element: Any) -> list[str]:
 
 def _twice_errors(element: Any, name: str, *others: str) -> list[str]:
     """Check that rows over the speed, ``name``, do not stand beside ``others``."""
-    constants = _present_keys(element, *others)
+    constants = present_keys(element, *others)
     if not (is_present(getattr(element, name)) and constants):
         return []
     return [f"{name} is given together with {joined(constants)}. Keep one of them."]
@@ -89,9 +90,8 @@ def disk_errors(disk: Disk) -> list[str]:
             "the key 'inertia' is missing. Give at least 0 kg m2, or gd2, four times"
             " as much."
         )
-    elif disk.inertia is not None and disk.gd2 is not None:
-        texts.append("inertia and gd2 are both given. Keep one of them.")
-    return texts
+    present = [key for key in ("inertia", "gd2") if getattr(disk, key) is not None]
+    return texts + several_given(present)
 
 
 def ground_errors(ground: Ground) -> list[str]:
@@ -388,7 +388,7 @@ def damper_errors(damper: Damper) -> list[str]:
     )
     if damper.stiffness != 0 or damper.damping != 0 or any(map(is_present, tables)):
         return _damping_errors(damper) + errors + _spring_errors(damper)
-    damping_keys = _present_keys(damper, *SHARES)
+    damping_keys = present_keys(damper, *SHARES)
     if damping_keys:
         needs = (
             "needs a stiffness greater than 0 N m/rad, of which the damping is a share"
@@ -404,16 +404,16 @@ def damper_errors(damper: Damper) -> list[str]:
     return _damping_errors(damper)
 
 
-def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
-    """``key = value unit`` of each of the ``keys`` that a link can have and has, other
-    than as 0.
+def present_keys(element: Any, *keys: str) -> list[str]:
+    """``key = value unit`` of each of the ``keys`` that an element can have and has,
+    other than as 0.
     """
     texts = []
     for key in keys:
-        value = getattr(link, key, None)
+        value = getattr(element, key, None)
         if is_present(value) and not (number_like(value) and value == 0):
             unit = next(
-                unit_of(field) for field in fields_of(link) if field.name == key
+                unit_of(field) for field in fields_of(element) if field.name == key
             )
             texts.append(
                 f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key
@@ -423,7 +423,7 @@ def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
 
 def _stiffness_errors(shaft: Shaft) -> list[str]:
     """Check that a shaft has a stiffness, or dimensions that give one."""
-    sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
+    sizes = present_keys(shaft, "length", "outer", "inner", "shear_modulus")
     if is_present(shaft.stiffness_over_hz) or is_present(shaft.stiffness_over_torque):
         return []  # its own check tells what stands beside it
     if is_present(shaft.stiffness_over_rpm):
@@ -432,7 +432,7 @@ def _stiffness_errors(shaft: Shaft) -> list[str]:
     if shaft.stiffness is not None:
         if not sizes:
             return []
-        stiffness = (_present_keys(shaft, "stiffness") or ["stiffness"])[0]
+        stiffness = (present_keys(shaft, "stiffness") or ["stiffness"])[0]
         remedy = "Keep stiffness, or length, outer, inner and shear_modulus."
         return [f"{stiffness} is given together with {joined(sizes)}. {remedy}"]
     lacking = [
@@ -467,14 +467,14 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
     """Check that a link has one damping, a share of the critical one with its
     frequency.
     """
-    damping_keys = _present_keys(link, "damping", *SHARES)
-    shares = _present_keys(link, *SHARES)
-    frequency = _present_keys(link, "damping_hz")
+    damping_keys = present_keys(link, "damping", *SHARES)
+    shares = present_keys(link, *SHARES)
+    frequency = present_keys(link, "damping_hz")
     # Without a frequency it is a loss factor.
-    is_loss_factor = len(shares) == 1 and _present_keys(link, "relative_damping")
+    is_loss_factor = len(shares) == 1 and present_keys(link, "relative_damping")
     tables = ["damping_over_rpm"]
     if shares:
-        damping_keys += _present_keys(link, "loss_factor")
+        damping_keys += present_keys(link, "loss_factor")
     if shares and not (is_loss_factor and not frequency):
         # They are shares of a constant stiffness.
         tables.append("stiffness_over_rpm")
@@ -501,7 +501,7 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
 def _section_errors(shaft: Shaft) -> list[str]:
     """Check the section of a shaft."""
     texts = []
-    bore = _present_keys(shaft, "bore")
+    bore = present_keys(shaft, "bore")
     if bore and shaft.diameter is None:
         texts.append(
             f"{bore[0]} is given without diameter. Give the outer diameter in m."
@@ -516,7 +516,7 @@ def rule_errors(shaft: Shaft, rule: Rule) -> list[str]:
     in them.
     """
     texts = []
-    asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
+    asking = present_keys(shaft, "stress_concentration", "tensile_strength")
     if shaft.rule is not None and not rule.default:
         asking = ["rule"]
     present = [
@@ -545,7 +545,7 @@ def _concentration_errors(shaft: Shaft) -> list[str]:
     """Check that stress concentration factors for torsion and the limit of the
     alternating stress are given together, with a section.
     """
-    factors = _present_keys(shaft, "fillet_factor", "oil_bore_factor")
+    factors = present_keys(shaft, "fillet_factor", "oil_bore_factor")
     if factors and shaft.alternating_limit is None:
         return [
             f"{joined(factors)} {'are' if factors[1:] else 'is'} given without"
@@ -610,8 +610,15 @@ def _curve_errors(shaft: Shaft) -> list[str]:
 
 
 def load_errors(load: Load) -> list[str]:
-    """Check the blades of a load, and its law over the speed."""
-    return blade_errors(load) + _law_errors(load)
+    """Check the blades of a load, its law over the speed, and what asks for one."""
+    texts = blade_errors(load) + _law_errors(load)
+    # A law that is no law has its own sentence.
+    if load.archer is not None and load.law in ("", "constant", "generator"):
+        texts.append(
+            "archer takes the torque of the law 'propeller'. Give law = 'propeller'"
+            " with rated_torque in N m and rated_rpm, or leave it out."
+        )
+    return texts
 
 
 def _law_errors(load: Load) -> list[str]:
@@ -620,14 +627,18 @@ def _law_errors(load: Load) -> list[str]:
     present = [key.split()[0] for key, value in rated.items() if value is not None]
     lacking = [key for key, value in rated.items() if value is None]
     if load.law and is_present(load.over_rpm):
-        return ["law and over_rpm are both given. Keep one of them."]
+        return several_given(["law", "over_rpm"])
     if load.law == "constant":
         lacking = lacking[: load.rated_torque is None]
     if load.law in LOAD_LAWS and lacking:
-        return [f"law {shown(load.law)} needs {joined(lacking)}. Give it."]
+        return [
+            f"law {shown(load.law)} needs {joined(lacking)}. Give"
+            f" {'them' if lacking[1:] else 'it'}."
+        ]
     if not load.law and present:
         return [
-            f"{joined(present)} without law says nothing. Give law, or leave it out."
+            f"{joined(present)} {'say' if present[1:] else 'says'} nothing without law."
+            f" Give law, or leave {'them' if present[1:] else 'it'} out."
         ]
     if row_errors("over_rpm", OVER_RPM, load.over_rpm):
         return []

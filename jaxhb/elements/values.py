@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.elements.declared import LARGEST, SMALLEST, Unread, fields_of
-from jaxhb.elements.sentences import MOST_SENTENCES, shown, suggestion
+from jaxhb.elements.sentences import MOST_SENTENCES, nearest, shown
 from jaxhb.elements.units import Refused
 from jaxhb.excitation import gas
 
@@ -148,8 +148,8 @@ def _value_errors(field: dataclasses.Field, value: Any) -> list[str]:
         words = [word for word in field.metadata["words"] if word]
         if value in field.metadata["words"]:
             return []
-        expected = " or ".join(repr(word) for word in words)
-        near = suggestion(value, words)
+        expected = joined(map(repr, words), "or")
+        near = nearest(value, words)
     else:
         test, expected, _ = _KINDS[kind]
         if test(value):
@@ -349,12 +349,28 @@ def plain_number(value: Any) -> TypeGuard[float]:
     )
 
 
-def joined(texts: Iterable[str]) -> str:
-    """Join texts by commas and a last "and"."""
+def joined(texts: Iterable[str], last: str = "and") -> str:
+    """Join texts by commas and a ``last`` word."""
     words = list(texts)
     if len(words) > 1:
-        return f"{', '.join(words[:-1])} and {words[-1]}"
+        return f"{', '.join(words[:-1])} {last} {words[-1]}"
     return "".join(words)
+
+
+def several_given(names: Sequence[str]) -> list[str]:
+    """Say that keys are given of which one is enough; nothing of fewer than two."""
+    if len(names) < 2:
+        return []
+    count = "both" if len(names) == 2 else "all"
+    return [f"{joined(names)} are {count} given. Keep one of them."]
+
+
+def exactly_one(element: Any, *names: str) -> list[str]:
+    """Check that an element has one of two keys."""
+    present = [name for name in names if is_present(getattr(element, name))]
+    if present:
+        return several_given(present)
+    return [f"neither {' nor '.join(names)} is given. Give one of them."]
 
 
 def sound_orders(rows: Any) -> list[float]:

@@ -171,6 +171,7 @@ def checked(
             head_errors += field_errors(where, field, value) or []
     errors += head_errors
     errors += checks.reference_errors(parts, reference, disks_read=disks_read)
+    errors += checks.archer_errors(parts)
     errors += consistency.connection_errors(parts)
     rotor = connections.pieces(len(parts.disk_names), consistency.elastic_pairs(parts))
     errors += consistency.reference_error(parts, reference, rotor)
@@ -464,6 +465,9 @@ def _topology(
             for load in elements["load"]
         ),
         load_points=tuple(len(load.over_rpm) for load in elements["load"]),
+        archer_loads=tuple(
+            i for i, load in enumerate(elements["load"]) if load.archer is not None
+        ),
         events=tuple(_event_seats(parts)),
         excitations=tuple(
             kind.seats(

@@ -255,6 +255,11 @@ def _locate(train: TrainArrays, key: str) -> tuple[str, str, int]:
         raise SceneError(
             f"{where}: there is no field {shown(inner)}.{suggestion(inner, fields)}"
         )
+    if (table, field) == ("disk", "damping") and index in train.topology.archer_disks:
+        raise SceneError(
+            f"{where}: its damping depends on the speed, by archer of its load. Take"
+            " that, or the train at one speed, train.with_constant_links(rpm=...)."
+        )
     if _rows_over_rpm(train.topology, table, f"{field}_over_rpm", index):
         raise SceneError(
             f"{where}: its {field} depends on the speed. Take {field}_over_rpm, or the"
@@ -533,6 +538,8 @@ def _has_no_effect(train: TrainArrays, table: str, field: str, index: int) -> st
         return EXCITATIONS[table].without_effect(numbers, seats, field, index)
     if table == "event":
         return without_effect(topology.events[index], field)
+    if (table, field) == ("load", "archer") and index not in topology.archer_loads:
+        return _built_without(table, field)
     if table == "load" and field in ("rated_torque", "rated_rpm", "over_rpm"):
         law = topology.load_law[index]
         if law and (field == "over_rpm") == (law == "over_rpm"):

@@ -15,6 +15,7 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
+from jaxhb.elements.checks import ORDER_ROWS
 from jaxhb.elements.rules.chosen import STRENGTH_KEYS, File, choose, lacking
 from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, shown, suggestion
@@ -229,9 +230,11 @@ class DriveTrain(TrainArrays):
             values.pop(f"{cylinder}.fires", fires) for cylinder, fires in fires_by_name
         )
         topology = train.topology.with_cylinders(fires=fires)
-        # Rows are (order, Re, Im), of the orders that the train has.
+        # Rows of orders are (order, Re, Im), of the orders that the train has.
         numbers = {
-            key: np.array(value)[:, 1:] if isinstance(value, list) else value
+            key: np.array(value)[:, 1:]
+            if isinstance(value, list) and key.rpartition(".")[2] in ORDER_ROWS
+            else value
             for key, value in values.items()
         }
         return dataclasses.replace(train, topology=topology).replace(numbers)

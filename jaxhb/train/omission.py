@@ -206,6 +206,11 @@ def _topology(
         name: tuple(number[link] for link in varying_links if link in number)
         for name, varying_links in varying.items()
     }
+    fields["archer_loads"] = tuple(
+        keep["load"].index(load)
+        for load in topology.archer_loads
+        if load in keep["load"]
+    )
     fields["rpm_tables"] = tuple(
         (table, field, keep[table].index(index), rows)
         for table, field, index, rows in topology.rpm_tables

@@ -131,8 +131,8 @@ class Loads:
 
     ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no
     load pulsates. ``rated_torque`` (N m) and ``rated_rpm`` [n_loads] of its law over
-    the speed, 0 where absent, ``over_rpm`` [n_loads, K, 2]: rpm, N m; None where no
-    load has them.
+    the speed, 0 where absent, ``over_rpm`` [n_loads, K, 2]: rpm, N m; ``archer``
+    [n_loads] of the damping of propellers, 0 where absent; None where no load has them.
     """
 
     share: Array
@@ -140,6 +140,7 @@ class Loads:
     rated_torque: Array | None = None
     rated_rpm: Array | None = None
     over_rpm: Array | None = None
+    archer: Array | None = None
 
 
 @table

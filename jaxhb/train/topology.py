@@ -41,7 +41,8 @@ class Topology:
     that rows over the speed give: (table, field, index, number of rows). ``springs``
     are what acts beside the stiffness of shafts and dampers: (link, "clearance",
     "stages", "stops" or "friction", row). ``load_law`` names the law of each load over
-    the speed, "over_rpm" with ``load_points`` rows, "" without one. ``events`` are
+    the speed, "over_rpm" with ``load_points`` rows, "" without one; ``archer_loads``
+    are those whose disks have the damping of propellers. ``events`` are
     those of transients. ``rules`` are those that the scene chooses, ``shaft_rules``
     name the limits of each shaft, "" of one that names none, ``shaft_curves``
     are the rows of its S-N curve and their source. ``phase_members`` are the elements
@@ -88,6 +89,7 @@ class Topology:
     load_harmonics: tuple[tuple[int, ...], ...] = ()
     load_law: tuple[str, ...] = ()
     load_points: tuple[int, ...] = ()
+    archer_loads: tuple[int, ...] = ()
     shaft_rules: tuple[str, ...] = ()
     shaft_curves: tuple[tuple[tuple[tuple[float, float], ...], str], ...] = ()
     phase_names: tuple[str, ...] = ()
@@ -159,7 +161,12 @@ class Topology:
     @property
     def depends_on_speed(self) -> bool:
         """Whether any stiffness or damping does."""
-        return bool(self.rpm_tables or self.order_links)
+        return bool(self.rpm_tables or self.order_links or self.archer_loads)
+
+    @property
+    def archer_disks(self) -> tuple[int, ...]:
+        """Disk of each load that has the damping of propellers."""
+        return tuple(self.load_disk[load] for load in self.archer_loads)
 
     @property
     def torque_names(self) -> tuple[str, ...]:

@@ -11,8 +11,9 @@ At a speed of the reference rotor, ``damping_over_rpm`` and ``stiffness_over_rpm
 r and k, linear between their rows and constant outside, and an order-tuned absorber
 adds ``J n^2 Omega^2`` to the stiffness of its link, Omega the speed of its rotor (den
 Hartog, Mechanical Vibrations, sec. 5.9, for small angles of a pendulum): the order n of
-its rotor then meets a node. All that computes at a speed takes the train
-:func:`at_speed`, which is the train itself where nothing depends on the speed.
+its rotor then meets a node. Disks of loads with ``archer`` have the damping of
+:func:`archer_damping`. All that computes at a speed takes the train :func:`at_speed`,
+which is the train itself where nothing depends on the speed.
 """
 
 from __future__ import annotations
@@ -77,13 +78,15 @@ def _sentences(topology: Topology, fields: Iterable[str], why: str) -> list[str]
 
 
 def _table_sentences(topology: Topology, why: str) -> list[str]:
-    """A sentence for each number that rows over the speed give."""
-    return [
-        _sentence(
-            topology, topology.names_of(table)[i], f"{field}_over_rpm", "rpm", why
-        )
+    """A sentence for each number that rows over the speed give, or Archer's
+    formula.
+    """
+    keys = [
+        (topology.names_of(table)[i], f"{field}_over_rpm")
         for table, field, i, _ in topology.rpm_tables
     ]
+    keys += [(topology.load_names[i], "archer") for i in topology.archer_loads]
+    return [_sentence(topology, name, key, "rpm", why) for name, key in keys]
 
 
 def _sentence(topology: Topology, name: str, key: str, number: str, why: str) -> str:
@@ -117,10 +120,17 @@ def at_speed(train: Train, rpm: Number) -> Train:
 
 
 def tables_at(train: Train, rpm: Number) -> Train:
-    """The train with what rows over the speed give at one speed as constants; the train
-    itself where it has none.
+    """The train with what rows over the speed and Archer's formula give at one speed as
+    constants; the train itself where it has none.
     """
     topology = train.topology
+    if topology.archer_loads:
+        disks: Any = train.disks
+        damping = disks.damping + archer_damping(train, rpm)
+        topology = _without(topology, "archer_loads")
+        train = dataclasses.replace(
+            train, topology=topology, disks=dataclasses.replace(disks, damping=damping)
+        )
     if not topology.rpm_tables:
         return train
     alike: dict[tuple[str, str, int], list[int]] = {}
@@ -136,6 +146,44 @@ def tables_at(train: Train, rpm: Number) -> Train:
         constants: dict[str, Any] = {field: vector, f"{field}_over_rpm": None}
         changed = with_table(changed, table, dataclasses.replace(numbers, **constants))
     return dataclasses.replace(changed, topology=_without(topology, "rpm_tables"))
+
+
+def archer_damping(train: TrainArrays, rpm: Number) -> Array:
+    """Damping N m s/rad [n_scene_disks] of propellers to ground at ``rpm`` of the
+    reference rotor, ``c = a M / n`` with the torque M in N m and the speed n in rpm of
+    the propeller; 0 of disks without one. Differentiable.
+
+    With ``M = M_N (n / N)^2`` it is proportional to the speed. Where the inflow follows
+    the speed, the torque has the slope ``dM/d(omega) = 60 M / (pi n)``, a = 19.1; no
+    inflow follows a vibration, and a is larger: 20 to 40 over pitch and blade area, as
+    the formula of S. Archer (Proc. IMechE 164, 1951, p. 351) is commonly quoted.
+
+    Examples
+    --------
+    >>> from jaxhb import Disk, Load, build
+    >>> law = {"law": "propeller", "rated_torque": 1e6, "rated_rpm": 100.0}
+    >>> train = build(
+    ...     [
+    ...         Disk(name="screw", inertia=5e4),
+    ...         Load(disk="screw", archer=30.0, **law),
+    ...     ]
+    ... )
+    >>> [archer_damping(train, rpm).tolist() for rpm in (50.0, 100.0)]
+    [[150000.0], [300000.0]]
+    """
+    topology = train.topology
+    loads = train.loads
+    xp = namespace(train, rpm)
+    rows = np.array(topology.archer_loads, dtype=int)
+    disks = np.array(topology.archer_disks, dtype=int)
+    ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)[disks]]
+    factor, torque, rated_rpm = (
+        xp.asarray(numbers)[rows]
+        for numbers in (loads.archer, loads.rated_torque, loads.rated_rpm)
+    )
+    damping = factor * torque * rpm / (ratio * rated_rpm**2)
+    on_disks = np.arange(topology.n_scene_disks)[:, None] == disks
+    return on_disks @ damping
 
 
 @lru_cache(maxsize=256)

@@ -480,7 +480,7 @@ def springs_over_speed(topology: Topology) -> SpringsOverSpeed:
     meshes = len(topology.link_names) - len(topology.mesh_names)
     first = {"shaft": 0, "damper": shafts, "mesh": meshes}
     links = set(topology.order_links)
-    disks = set()
+    disks = set(topology.archer_disks)
     for table, key, index, _ in topology.rpm_tables:
         if table == "mesh" and topology.has_law[index]:
             raise SceneError(

@@ -15,6 +15,7 @@ import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
 from jaxhb.design.quantities import Objective
 from jaxhb.design.tolerances import Tolerance
+from jaxhb.scene.workbook.writing import scene_workbook
 from jaxhb.train import chain
 from jaxhb.train.varying import at_speed
 
@@ -372,6 +373,33 @@ def test_rows_are_read_changed_and_written(tmp_path):
     again = jaxhb.load_scene(path)
     assert again.topology.rpm_tables == train.topology.rpm_tables
     assert again.value(key).tolist() == train.value(key).tolist()
+
+
+def test_scenarios_replace_rows(tmp_path):
+    """In units, too, and from a workbook."""
+    path = tmp_path / "scene.toml"
+    inverter = Torque(disk="pump", name="inverter", lines=((50.0, 3.0, 0.0),))
+    text = jaxhb.elements_text(parts(more=[inverter]), reference="engine")
+    path.write_text(
+        f"""{text}
+[scenario.worn]
+"pump.damping_over_rpm" = [[500, 0.1], [2000, "400 N mm s/rad"], ["50 Hz", 0.3]]
+"inverter.lines" = [["60 Hz", "0.007 kN m", 1]]
+"""
+    )
+    book = tmp_path / "scene.xlsx"
+    book.write_bytes(scene_workbook(str(path)))
+    for source in (path, book):
+        train = jaxhb.load_scene(source)
+        worn = train.scenario("worn")
+        rows = [[500.0, 0.1], [2000.0, 0.4], [3000.0, 0.3]]
+        np.testing.assert_allclose(
+            worn.value("pump.damping_over_rpm"), rows, rtol=ALGEBRAIC
+        )
+        line = [[60.0, 7.0, 1.0]]
+        np.testing.assert_allclose(worn.value("inverter.lines"), line, rtol=ALGEBRAIC)
+        # The scene as written is another train.
+        assert train.value("inverter.lines").tolist() == [[50.0, 3.0, 0.0]]
 
 
 def test_elements_left_out_take_their_rows_with_them():

@@ -10,7 +10,13 @@ import math
 from typing import Any
 
 from jaxhb.elements.declared import BLADE_ORDERS
-from jaxhb.elements.values import is_list, is_present, number_like, row_errors
+from jaxhb.elements.values import (
+    is_list,
+    is_present,
+    number_like,
+    row_errors,
+    several_given,
+)
 
 
 def blade_errors(element: Any) -> list[str]:
@@ -26,7 +32,7 @@ def blade_errors(element: Any) -> list[str]:
     if blades is None:
         return ["blade_orders is given without blades. Give the number of blades."]
     if is_present(element.harmonics):
-        return ["harmonics and blade_orders are both given. Keep one of them."]
+        return several_given(["harmonics", "blade_orders"])
     if not number_like(blades) or row_errors("blade_orders", BLADE_ORDERS, rows):
         return []
     for i, (multiple, share, _) in enumerate(rows):

@@ -4,17 +4,13 @@ and the checks of both.
 
 from __future__ import annotations
 
-import cmath
 import dataclasses
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from jaxhb.elements.declared import (
-    AMPLITUDES,
-    COSINES,
     HARMONICS,
     PRESSURE,
     REQUIRED,
@@ -27,7 +23,12 @@ from jaxhb.elements.declared import (
     quantity,
     rows,
 )
-from jaxhb.elements.values import number_like, row_errors
+from jaxhb.elements.excitations.tangential import (
+    TangentialPressure,
+    revolutions,
+    tangential_errors,
+)
+from jaxhb.elements.values import exactly_one, number_like, row_errors, several_given
 from jaxhb.excitation import gas
 from jaxhb.excitation.tables import COMPUTED, LOADED, TANGENTIAL
 
@@ -72,43 +73,6 @@ class Combustion:
     charge_over_load: tuple = rows(("load", "factor"))
     charge_over_rpm: tuple = rows(SCALE)
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TangentialPressure:
-    """``[cylinder.tangential_pressure]``: a table of the engine maker, the gas torque
-    over piston area and crank radius by orders of the crank.
-
-    ``cosine_sine`` = rows of (order, imep, cosine, sine) or ``amplitude_phase`` = rows
-    of (order, imep, amplitude, phase deg), in any order, but every order at each mean
-    indicated pressure. Pressures of the rows are in Pa, phases those of
-    cos(order a + phase), or of the sine with ``phase_of = "sine"``, a the crank angle
-    from firing top dead centre. ``imep`` is the mean indicated pressure at full load in
-    Pa, which ``load`` multiplies. Rows at imep 0 are those of compression alone.
-    """
-
-    imep: float = not_negative("Pa")
-    cosine_sine: tuple | None = rows(COSINES, None, unit="Pa")
-    amplitude_phase: tuple | None = rows(AMPLITUDES, None, unit="Pa")
-    phase_of: str = choice("cosine", "sine")
-    stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
-
-
-def tangential_rows(table: TangentialPressure) -> dict[float, dict[float, complex]]:
-    """Cosine - i sine in Pa by mean indicated pressure (Pa) and order, both increasing,
-    of a sound table.
-    """
-    by_place: dict[float, dict[float, complex]] = {}
-    for order, imep, cosine, sine in table.cosine_sine or ():
-        part = complex(cosine, -sine)
-        by_place.setdefault(float(imep), {})[float(order)] = part
-    turned = 90.0 if table.phase_of == "sine" else 0.0
-    for order, imep, amplitude, phase in table.amplitude_phase or ():
-        part = cmath.rect(amplitude, math.radians(phase - turned))
-        by_place.setdefault(float(imep), {})[float(order)] = part
-    return {
-        imep: dict(sorted(orders.items())) for imep, orders in sorted(by_place.items())
-    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +174,7 @@ def gas_revolutions(cylinder: CrankSlider) -> int:
     given by harmonics.
     """
     if cylinder.tangential_pressure is not None:
-        return int(cylinder.tangential_pressure.stroke_cycle) // 2
+        return revolutions(cylinder.tangential_pressure)
     if source(cylinder) == "combustion" and cylinder.combustion is not None:
         return int(cylinder.combustion.stroke_cycle) // 2
     rows = cylinder.pressure or (
@@ -227,13 +191,7 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
     has_torque = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
     has_table = cylinder.tangential_pressure is not None
     sources = computed + [TANGENTIAL] * has_table + ["gas_torque"] * has_torque
-    errors = []
-    if len(sources) > 1:
-        several = "both" if len(sources) == 2 else "all"
-        errors.append(
-            f"{', '.join(sources[:-1])} and {sources[-1]} are {several} given. Keep one"
-            " of them."
-        )
+    errors = several_given(sources)
     if cylinder.fires is True and not sources:
         errors.append(
             "neither pressure nor gas_torque is given. Give one of them, or set fires ="
@@ -283,96 +241,16 @@ def cylinder_errors(cylinder: Cylinder) -> list[str]:
         else []
     )
     if isinstance(cylinder.tangential_pressure, TangentialPressure):
-        errors += _tangential_errors(cylinder, cylinder.tangential_pressure)
+        errors += tangential_errors(
+            cylinder.tangential_pressure,
+            ambient=bool(cylinder.ambient_pressure),
+            injected=cylinder.fires and cylinder.injection in (None, 1.0),
+        )
     return errors + (
         _combustion_errors(cylinder.combustion)
         if isinstance(cylinder.combustion, Combustion)
         else []
     )
-
-
-def _tangential_errors(cylinder: Cylinder, table: TangentialPressure) -> list[str]:
-    """Check the rows of a table of tangential pressure, and that a cylinder without
-    injection finds its compression there.
-    """
-    present = {
-        name: getattr(table, name)
-        for name in ("cosine_sine", "amplitude_phase")
-        if getattr(table, name) is not None
-    }
-    if len(present) != 1:
-        count = "both" if present else "neither"
-        return [
-            f"{TANGENTIAL}: of cosine_sine and amplitude_phase {count} is given. Give"
-            " one of them."
-        ]
-    errors = []
-    if cylinder.ambient_pressure:
-        errors.append(
-            f"ambient_pressure is given beside {TANGENTIAL}, which has both sides of"
-            " the piston in it. Leave it out."
-        )
-    strokes = table.stroke_cycle
-    if strokes not in (2, 4):
-        errors.append(
-            f"{TANGENTIAL}: stroke_cycle is {strokes}, must be 2 or 4. Correct it."
-        )
-    ((name, rows),) = present.items()
-    if isinstance(rows, Unread) or row_errors(name, COSINES, rows) or errors:
-        return errors
-    return [f"{TANGENTIAL}: {text}" for text in _order_errors(name, rows, strokes)] or (
-        _without_compression(cylinder, rows)
-    )
-
-
-def _order_errors(name: str, rows: Sequence[Any], strokes: int) -> list[str]:
-    """Check orders and mean indicated pressures of rows, each pair once."""
-    if not rows:
-        return [f"{name} has no rows, must have one for every order. Give them."]
-    least = 0.5 if strokes == 4 else 1.0
-    for i, (order, imep, *_) in enumerate(rows):
-        if order <= 0.0 or order % least:
-            return [
-                f"{name}, row {i + 1}: order is {order:g}, must be a multiple of"
-                f" {least:g} above 0 in a {strokes:g}-stroke cycle. Correct it; the"
-                " mean follows from imep."
-            ]
-        if imep < 0.0:
-            return [
-                f"{name}, row {i + 1}: imep is {imep:g}, must be at least 0, that of"
-                " compression alone. Correct it."
-            ]
-    places = Counter((float(row[1]), float(row[0])) for row in rows)
-    for (imep, order), times in places.items():
-        if times > 1:
-            return [
-                f"{name}: order {order:g} at imep {imep:g} stands {times} times. Keep"
-                " one."
-            ]
-    pressures = {imep for imep, _ in places}
-    orders = {order for _, order in places}
-    lacking = sorted({(imep, n) for imep in pressures for n in orders} - set(places))
-    if lacking:
-        imep, order = lacking[0]
-        return [
-            f"{name}: there is no order {order:g} at imep {imep:g}, but at another"
-            " imep. Give every order at each imep."
-        ]
-    return []
-
-
-def _without_compression(cylinder: Cylinder, rows: Sequence[Any]) -> list[str]:
-    """Check that a cylinder without its whole injection has rows of compression."""
-    whole = cylinder.fires and cylinder.injection in (None, 1.0)
-    if whole or any(row[1] == 0.0 for row in rows):
-        return []
-    return [NO_COMPRESSION_ROW.format("the cylinder lacks injection")]
-
-
-NO_COMPRESSION_ROW = (
-    "{}, but its tangential_pressure has no rows at imep 0, those of compression alone."
-    " Add them, or cut the cylinder off by gas_factor = 0."
-)
 
 
 def _trace_errors(traces: Sequence[Any]) -> list[str]:
@@ -416,24 +294,10 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
     """Check that either the heat or the mean pressure is given, and the strokes of a
     cycle.
     """
-    present = [getattr(combustion, key) is not None for key in ("heat", "imep")]
-    errors = []
-    if all(present):
-        errors.append("combustion: heat and imep are both given. Keep one of them.")
-    if not any(present):
-        errors.append("combustion: neither heat nor imep is given. Give one of them.")
-    tables = ["charge_pressure_over_load", "charge_over_load", "charge_over_rpm"]
-    given = [name for name in tables if getattr(combustion, name)]
-    if len(given) > 1:
-        errors.append(
-            f"combustion: {given[0]} and {given[1]} are both given. Keep one of them."
-        )
-    if (combustion.charge_pressure is None) != (tables[0] in given):
-        count = "neither" if combustion.charge_pressure is None else "both"
-        errors.append(
-            f"combustion: of charge_pressure and {tables[0]} {count} is given. Give one"
-            " of them."
-        )
+    tables = ("charge_pressure_over_load", "charge_over_load", "charge_over_rpm")
+    errors = exactly_one(combustion, "heat", "imep")
+    errors += several_given([name for name in tables if getattr(combustion, name)])
+    errors += exactly_one(combustion, "charge_pressure", "charge_pressure_over_load")
     for name, columns in (
         ("charge_pressure_over_load", ("load", "pressure")),
         ("charge_over_load", ("load", "factor")),
@@ -447,12 +311,11 @@ def _combustion_errors(combustion: Combustion) -> list[str]:
         )
         if least_factor is not None and least_factor <= 0.0:
             errors.append(
-                f"combustion: the least {columns[1]} of {name} is {least_factor:g},"
+                f"the least {columns[1]} of {name} is {least_factor:g},"
                 " must be greater than 0. Correct it."
             )
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(
-            f"combustion: stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4."
-            " Correct it."
+            f"stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4. Correct it."
         )
-    return errors
+    return [f"combustion: {text}" for text in errors]

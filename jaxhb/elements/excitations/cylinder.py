@@ -23,14 +23,12 @@ import numpy as np
 from jaxhb._jax import Array, Number, namespace
 from jaxhb.elements.columns import collected, column, padded, scales
 from jaxhb.elements.excitations.crank_slider import (
-    NO_COMPRESSION_ROW,
     Combustion,
     Cylinder,
     cylinder_errors,
     gas_revolutions,
     source,
     source_word,
-    tangential_rows,
     with_charge,
 )
 from jaxhb.elements.excitations.kind import (
@@ -40,6 +38,12 @@ from jaxhb.elements.excitations.kind import (
     Seats,
     Usable,
     per_cycle,
+)
+from jaxhb.elements.excitations.tangential import (
+    NO_COMPRESSION_ROW,
+    collected_tables,
+    orders_of,
+    scene_part,
 )
 from jaxhb.elements.values import is_list, rounded, sound_orders, whole
 from jaxhb.excitation import gas
@@ -137,6 +141,7 @@ class CylinderKind(Excitation):
         ]
 
     def mean_fields(self, element: Cylinder) -> tuple[str, ...]:
+        of_table = (TANGENTIAL, "load", "bore", "stroke")
         of_pressure = (*COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
         return (
             "fires",
@@ -146,7 +151,7 @@ class CylinderKind(Excitation):
             "injection",
             "gas_torque_mean",
             *(of_pressure if source(element) else ()),
-            *((TANGENTIAL, "load", "bore", "stroke") if _tabled(element) else ()),
+            *(of_table if element.tangential_pressure is not None else ()),
         )
 
     def written_speeds(self, element: Cylinder, usable: Usable) -> Iterator[float]:
@@ -166,7 +171,8 @@ class CylinderKind(Excitation):
             return
         for order in sound_orders(element.gas_torque):
             yield f"order {order:g}", order * ratio, "gas_torque_mean"
-        if (source(element) or _tabled(element)) and usable(*COMPUTED, TANGENTIAL):
+        tabled = element.tangential_pressure is not None
+        if (source(element) or tabled) and usable(*COMPUTED, TANGENTIAL):
             revolutions = gas_revolutions(element)
             if usable("fires_every"):
                 revolutions *= int(element.fires_every)
@@ -198,7 +204,7 @@ class CylinderKind(Excitation):
             # Of all gas cycles from one with injection to the next
             span = revolutions * cylinder.fires_every
             has_crank = cylinder.stroke is not None and cylinder.rod is not None
-            has_gas = is_computed or _tabled(cylinder)
+            has_gas = is_computed or cylinder.tangential_pressure is not None
             two_stroke = has_gas and revolutions == 1
             orders = cylinder.orders or (
                 ORDERS_OF_TWO_STROKES if two_stroke else ORDERS
@@ -377,7 +383,7 @@ class CylinderKind(Excitation):
             assert numbers.combustion is not None  # the field was located in it
             return gas.full_exhaust_pressure(numbers.combustion)[place]
         if field.startswith(f"{TANGENTIAL}."):
-            return _scene_part(numbers, field, place, row)
+            return scene_part(numbers, field, place, row)
         if not field.startswith("traces."):
             return row
         assert numbers.traces is not None  # the field was located in them
@@ -519,19 +525,9 @@ def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     )
 
 
-def _tabled(cylinder: Cylinder) -> bool:
-    """Tell whether a cylinder has a table of tangential pressure."""
-    return cylinder.tangential_pressure is not None
-
-
 def _orders(cylinder: Cylinder) -> list[float]:
-    """Orders of the table of tangential pressure of a cylinder, up to its largest."""
-    table = cylinder.tangential_pressure
-    if table is None:
-        return []
-    most = math.inf if cylinder.orders is None else cylinder.orders + 1e-9
-    first = next(iter(tangential_rows(table).values()))
-    return [order for order in first if order <= most]
+    """Orders that are kept of the table of tangential pressure of a cylinder."""
+    return orders_of(cylinder.tangential_pressure, cylinder.orders)
 
 
 def _tangential_table(cylinders: Sequence[Cylinder]) -> TangentialPressures | None:
@@ -541,39 +537,7 @@ def _tangential_table(cylinders: Sequence[Cylinder]) -> TangentialPressures | No
         for i, cylinder in enumerate(cylinders)
         if cylinder.tangential_pressure is not None
     }
-    if not tables:
-        return None
-    orders = [_orders(cylinders[i]) for i in tables]
-    rows = [tangential_rows(table) for table in tables.values()]
-    grid = gas.padded([list(row) for row in rows])
-    parts = np.zeros((*grid.shape, max(map(len, orders)), 2))
-    for k, (row, own) in enumerate(zip(rows, orders, strict=True)):
-        for r, by_order in enumerate(row.values()):
-            coefficients = np.array([by_order[order] for order in own], dtype=complex)
-            parts[k, r, : len(own), 0] = coefficients.real
-            parts[k, r, : len(own), 1] = -coefficients.imag
-    sizes = [(len(row), len(own)) for row, own in zip(rows, orders, strict=True)]
-    return TangentialPressures(
-        seats=tuple(tables),
-        sizes=tuple(sizes),
-        revolutions=tuple(gas_revolutions(cylinders[i]) for i in tables),
-        compresses=tuple(0.0 in row for row in rows),
-        imep=np.array([float(table.imep) for table in tables.values()]),
-        grid=grid,
-        parts=parts,
-    )
-
-
-def _scene_part(numbers: Cylinders, field: str, place: int, row: Array) -> Array:
-    """The part of a row of tangential pressures that the scene gave."""
-    tables = numbers.tangential_pressure
-    assert tables is not None  # the field was located in them
-    pressures, orders = tables.sizes[place]
-    parts_of_scene: dict[str, Any] = {
-        f"{TANGENTIAL}.grid": np.s_[:pressures],
-        f"{TANGENTIAL}.parts": np.s_[:pressures, :orders],
-    }
-    return row[parts_of_scene[field]] if field in parts_of_scene else row
+    return collected_tables(tables, [_orders(cylinders[i]) for i in tables])
 
 
 def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._jax import Array, Number, namespace, traced
-from jaxhb.elements.excitations.crank_slider import TangentialPressure
+from jaxhb.elements.excitations.tangential import TangentialPressure
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation import cylinder_harmonics
 from jaxhb.excitation.gas import unburnt_weights, weights

@@ -3,7 +3,7 @@ notes, referred numbers.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ from jaxhb.train.kinematics import (
 )
 from jaxhb.train.mesh_parameters import all_meshes
 from jaxhb.train.topology import Topology
-from jaxhb.train.varying import tables_at
+from jaxhb.train.varying import archer_damping, tables_at
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 FEW = 2  # names of cylinders alike that are all told
@@ -126,15 +126,13 @@ def at_own_speed(train: DriveTrain) -> DriveTrain:
 
 def over_speed_table(train: DriveTrain) -> list[Table]:
     """The table of the numbers that depend on the speed, in a list."""
-    topology = train.topology
     columns: dict[str, list] = defaultdict(list)
-    for table, field, i, count in topology.rpm_tables:
-        rows = np.asarray(getattr(train.table(table), f"{field}_over_rpm")[i, :count])
+    for table, name, field, rows in _over_speed(train):
         unit = "N s/m" if table == "mesh" else "N m s/rad"
         if field == "stiffness":
             unit = "N/m" if table == "mesh" else "N m/rad"
-        for rpm, value in rows.tolist():
-            columns["element"].append(topology.names_of(table)[i])
+        for rpm, value in rows:
+            columns["element"].append(name)
             columns["of it"].append(field)
             columns["rpm"].append(rpm)
             columns["value"].append(value)
@@ -145,7 +143,30 @@ def over_speed_table(train: DriveTrain) -> list[Table]:
         "Damping and stiffness over the speed of the reference rotor; other tables have"
         f" them at {main_speed(train):g} rpm"
     )
-    return [_numbers(caption, columns, left="of it")]
+    topology = train.topology
+    loads: Any = train.loads
+    sources = [
+        f"; {topology.disk_names[disk]}: Archer's formula (Proc. IMechE 164, 1951), a ="
+        f" {loads.archer[load]:g}, in proportion to the speed"
+        for load, disk in zip(topology.archer_loads, topology.archer_disks, strict=True)
+    ]
+    return [_numbers(caption + "".join(sources), columns, left="of it")]
+
+
+def _over_speed(train: DriveTrain) -> Iterator[tuple[str, str, str, list]]:
+    """Table, name, "damping" or "stiffness" and rows (rpm, value) of each number that
+    depends on the speed; of propellers up to the rated speed of their law.
+    """
+    topology = train.topology
+    loads: Any = train.loads
+    for table, field, i, count in topology.rpm_tables:
+        rows = getattr(train.table(table), f"{field}_over_rpm")[i, :count]
+        yield table, topology.names_of(table)[i], field, np.asarray(rows).tolist()
+    for load, disk in zip(topology.archer_loads, topology.archer_disks, strict=True):
+        rated_rpm = float(loads.rated_rpm[load])
+        damping = float(archer_damping(train, rated_rpm)[disk])
+        rows = [[0.0, 0.0], [rated_rpm, damping]]
+        yield "disk", topology.disk_names[disk], "damping", rows
 
 
 def _numbers(
@@ -498,12 +519,7 @@ def check_record(
     constant = at_own_speed(train)
     ratios = tooth_damping_ratios(constant)
     speeds = [float(response.rpm) for response in responses]
-    over_rpm = {
-        f"{train.topology.names_of(table)[i]}.{field}": np.asarray(
-            getattr(train.table(table), f"{field}_over_rpm")[i, :count]
-        ).tolist()
-        for table, field, i, count in train.topology.rpm_tables
-    }
+    over_rpm = {f"{name}.{field}": rows for _, name, field, rows in _over_speed(train)}
     lines = [
         {"torque": name, "hz": hz, "amplitude_Nm": amplitudes}
         for name, hz, amplitudes in lines_of(train, speeds)
