@@ -22,6 +22,10 @@ GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 # Speed or load of points that fill up a grid: interpolation never reaches them
 FAR = 1e30
 STANDARD_ATMOSPHERE = 101325.0  # Pa
+FULL_LOAD = 0.02
+"""Difference from load 1 up to which a row is that of full load: a load that is changed
+about 1, as for a derivative, has no kink there.
+"""
 CHARGE_EXPONENT = 1.5
 """Exponent of the engine's power with which a turbocharger's pressure above the
 atmosphere grows, as engines on test beds show it at part load, on the propeller law and
@@ -264,8 +268,9 @@ def power_share(cylinders: Cylinders, rpm: Number) -> Array:
     """Power [..., nc] of each cylinder over that at full load.
 
     The most power up to full load among the rows of its load has the largest load up to
-    there as its share; above their last speed power is that there. Without rows a
-    cylinder runs at full load at every speed.
+    there as its share; rows of an overload count where the load passes 1, unless a row
+    has that load. Above their last speed power is that there. Without rows a cylinder
+    runs at full load at every speed.
     """
     rows = cylinders.load_rpm
     loads = cylinders.load_share
@@ -274,9 +279,11 @@ def power_share(cylinders: Cylinders, rpm: Number) -> Array:
     # Points that fill up the grid do not count.
     present = rows < FAR
     # Rows of an overload are none of full load, unless there are no others.
-    within = present & (loads <= 1.0)
+    within = present & (loads <= 1.0 + FULL_LOAD)
+    full = within & (loads >= 1.0 - FULL_LOAD)
     counts = xp.where(within.any(axis=-1, keepdims=True), within, present)
     points, at_points, passed = _full_loads(rows, loads)
+    passed = passed & ~full.any(axis=-1, keepdims=True)
     points = xp.concatenate([rows, points], axis=-1)
     at_points = xp.concatenate([loads, at_points], axis=-1)
     counts = xp.concatenate([counts, passed], axis=-1)
