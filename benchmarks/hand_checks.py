@@ -866,7 +866,7 @@ def main():
     compared = [row for row in rows.rows if row["percent"] is not None]
     worst = max(compared, key=lambda row: row["percent"])
     print(
-        f"{len(compared)} numbers of {len({row['kind'] for row in compared})} kinds;"
+        f"{len(compared)} numbers of {len({row['kind'].split()[0] for row in compared})} kinds;"
         f" {beyond} differ by more than {ALLOWED} %; largest difference"
         f" {worst['percent']:.2g} %: {worst['plant']}, {worst['kind']},"
         f" {worst['quantity']}"
