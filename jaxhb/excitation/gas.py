@@ -22,6 +22,10 @@ GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 # Speed or load of points that fill up a grid: interpolation never reaches them
 FAR = 1e30
 STANDARD_ATMOSPHERE = 101325.0  # Pa
+FULL_LOAD = 0.02
+"""Difference from load 1 up to which a row is that of full load: a load that is changed
+about 1, as for a derivative, has no kink there.
+"""
 CHARGE_EXPONENT = 1.5
 """Exponent of the engine's power with which a turbocharger's pressure above the
 atmosphere grows, as engines on test beds show it at part load, on the propeller law and
@@ -263,24 +267,47 @@ def full_exhaust_pressure(table: Combustions) -> Array:
 def power_share(cylinders: Cylinders, rpm: Number) -> Array:
     """Power [..., nc] of each cylinder over that at full load.
 
-    The most power among the rows of its load has the largest load among them as its
-    share; above their last speed power is that there. Without rows a cylinder runs at
-    full load at every speed.
+    The most power up to full load among the rows of its load has the largest load up to
+    there as its share; rows of an overload count where the load passes 1, unless a row
+    has that load. Above their last speed power is that there. Without rows a cylinder
+    runs at full load at every speed.
     """
     rows = cylinders.load_rpm
     loads = cylinders.load_share
     assert rows is not None and loads is not None
     xp = namespace(rows, loads, rpm)
     # Points that fill up the grid do not count.
-    counts = rows < FAR
-    most_power = xp.where(counts, rows * loads, 0.0).max(axis=-1)
-    most_load = xp.where(counts, loads, 0.0).max(axis=-1)
-    last_speed = xp.where(counts, rows, 0.0).max(axis=-1)
+    present = rows < FAR
+    # Rows of an overload are none of full load, unless there are no others.
+    within = present & (loads <= 1.0 + FULL_LOAD)
+    full = within & (loads >= 1.0 - FULL_LOAD)
+    counts = xp.where(within.any(axis=-1, keepdims=True), within, present)
+    points, at_points, passed = _full_loads(rows, loads)
+    passed = passed & ~full.any(axis=-1, keepdims=True)
+    points = xp.concatenate([rows, points], axis=-1)
+    at_points = xp.concatenate([loads, at_points], axis=-1)
+    counts = xp.concatenate([counts, passed], axis=-1)
+    most_power = xp.where(counts, points * at_points, 0.0).max(axis=-1)
+    most_load = xp.where(counts, at_points, 0.0).max(axis=-1)
+    last_speed = xp.where(present, rows, 0.0).max(axis=-1)
     load = load_share(cylinders, rpm)
     speed = xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed)
     has_rows = most_power > 0.0
     power = load * speed / xp.where(has_rows, most_power, 1.0)
     return xp.where(has_rows, most_load * power, load)
+
+
+def _full_loads(rows: Array, loads: Array) -> tuple[Array, Array, Array]:
+    """Speeds (rpm) between rows [nc, R] at which the load passes that of full load,
+    that load, and whether it passes there, [nc, R - 1] each.
+    """
+    xp = namespace(rows, loads)
+    before = loads[:, :-1]
+    after = loads[:, 1:]
+    passes = (rows[:, 1:] < FAR) & ((before <= 1.0) != (after <= 1.0))
+    share = xp.where(passes, 1.0 - before, 0.0) / xp.where(passes, after - before, 1.0)
+    speed = rows[:, :-1] + share * (rows[:, 1:] - rows[:, :-1])
+    return speed, xp.ones_like(speed), passes
 
 
 def load_share(cylinders: Cylinders, rpm: Number) -> Array:

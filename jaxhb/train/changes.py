@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxhb._jax import Array, load, traced
 from jaxhb.elements import derived
+from jaxhb.elements.checks import ORDER_ROWS
 from jaxhb.elements.declared import LARGEST, LINES
 from jaxhb.elements.elements import OF_GEARS, OF_PERIOD, TABLES, Mesh
 from jaxhb.elements.event_tables import row_of, without_effect
@@ -491,9 +492,12 @@ def _value_errors(
     with contextlib.suppress(ValueError):  # rows of different lengths have no shape
         new_shape = np.shape(value)
     if new_shape != shape:
+        remedy = "Map over a batch with jax.vmap."
+        by_orders = field in {*ORDER_ROWS, *OF_PERIOD, *OF_GEARS}
+        if by_orders and new_shape == (*shape[:-1], 3):
+            remedy = "Leave the orders out: rows are (Re, Im) of those of the scene."
         return [
-            f"{where}: the value has shape {new_shape}, must have {shape}. Map over a"
-            " batch with jax.vmap."
+            f"{where}: the value has shape {new_shape}, must have {shape}. {remedy}"
         ]
     no_effect = _has_no_effect(train, table, field, index)
     if traced(value):

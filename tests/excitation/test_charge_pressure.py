@@ -208,6 +208,30 @@ def test_the_power_counts_from_the_row_that_has_the_most(rpm):
     np.testing.assert_array_equal(charge(((0.0, 1.0),)), [FULL])
 
 
+@pytest.mark.parametrize("rpm", [40.0, 100.0, 110.0, 130.0])
+@pytest.mark.parametrize("written", [True, False], ids=["row", "between rows"])
+def test_rows_of_an_overload_do_not_lower_the_charge_of_full_load(rpm, written):
+    """The charge pressure of the scene is there where the load is 1, more above, and
+    the same below whatever rows follow.
+    """
+    rows = tuple(row for row in PROPELLER if written or row[0] != 100.0)
+    rows = (*rows, (110.0, 1.21))
+    speeds, loads = np.transpose(rows)
+    full = 100.0 if written else np.interp(1.0, loads, speeds)
+    charge, exhaust = charge_pressures(train(load=rows).cylinders, rpm)
+    power = np.interp(rpm, speeds, loads) * min(rpm, 110.0) / full
+    expected = ATMOSPHERE + power**1.5 * (FULL - ATMOSPHERE)
+    np.testing.assert_allclose([charge[0], exhaust[0]], expected, rtol=ALGEBRAIC)
+    at_full, _ = charge_pressures(train(load=rows).cylinders, full)
+    np.testing.assert_allclose(at_full, [FULL], rtol=ALGEBRAIC)
+
+
+def test_an_engine_that_runs_at_overload_alone_is_charged_for_it():
+    charge, _ = charge_pressures(train(load=((100.0, 1.1),)).cylinders, 100.0)
+    expected = ATMOSPHERE + 1.1**1.5 * (FULL - ATMOSPHERE)
+    np.testing.assert_allclose(charge, [expected], rtol=ALGEBRAIC)
+
+
 @pytest.mark.parametrize("way", ["replace", "scenario", "traced"])
 def test_an_exhaust_pressure_that_is_not_given_follows_the_charge_pressure(way):
     values = {"c.combustion.charge_pressure": 2.5e5}

@@ -247,6 +247,14 @@ def test_all_errors_of_a_replace_are_collected(train):
     assert "the value has shape (2,), must have ()" in str(caught.value)
 
 
+def test_rows_as_a_scene_has_them_are_refused_for_their_orders(train):
+    refused(
+        lambda: train.replace({"a:torque.harmonics": [(1.0, 2.0, 3.0)]}),
+        r"must have \(1, 2\). Leave the orders out: rows are \(Re, Im\) of those of the"
+        r" scene.",
+    )
+
+
 def test_radii_that_turn_an_engine_at_another_speed_are_refused():
     train = load_scene("gear_train_30")
     assert train.replace({"cam gear A.radius": 0.17}).value("cam gear A.radius") == 0.17
