@@ -774,8 +774,8 @@ def phase() -> None:
     """Two engines on one gear: the worst phase angle between them.
 
     A [[phase]] of the scene delays the whole excitation of one engine. Without
-    backlash its worst angle is found exactly over the full circle, with backlash by
-    solving at many angles: see docs/how_to/strength.md.
+    backlash its worst angle is found exactly over the full circle, where teeth part by
+    marching at many angles: see docs/how_to/strength.md.
     """
 
 

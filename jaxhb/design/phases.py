@@ -5,7 +5,7 @@ The response of a linear train is linear in its excitation: turned by the angle 
 what one engine adds to harmonic n of the cycle is multiplied by exp(-i n alpha / turn).
 The responses at two angles give the motions of all phases exactly. So they do at speeds
 at which the teeth of a train with backlash stay in contact all round the circle; at the
-others it is solved at phases all round the circle, and near the worst.
+others its steady states are marched at phases all round the circle, and near the worst.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Array, refuse_tracers
-from jaxhb._shown import brief
+from jaxhb._shown import brief, ranges
 from jaxhb.design.quantities import (
     QUANTITIES,
     Objective,
@@ -34,8 +34,10 @@ from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out
 from jaxhb.results.response import FIELDS, Response
+from jaxhb.results.status import Status
+from jaxhb.results.steady import SteadyState
 from jaxhb.solutions.planning import meshes_leaving_contact
-from jaxhb.solutions.speeds import solve_speeds
+from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import refuse_lines
 from jaxhb.train.speeds import check_speed
@@ -43,9 +45,9 @@ from jaxhb.train.topology import Topology
 from jaxhb.train.varying import at_speed
 
 LINEAR_STEPS = 6  # of the parabolas round the worst phase of the scan
-STEPS = 4  # of those with backlash, where each is a solve
+STEPS = 4  # of those with backlash, where each is a march
 CLOSEST = 1e-4  # share of a step of the scan between two angles that are tried
-PHASES = 24  # of the scan of a train that is solved at each
+PHASES = 24  # of the scan of a train that is marched at each
 # Phases of the scan of a linear train for each harmonic that the engine excites
 PER_HARMONIC = 16
 # The same of speeds at which teeth stay in contact
@@ -74,12 +76,12 @@ class WorstPhase:
     rpm : ``(S,)``
     nominal : ``(S, Q)``, with the phase that the train has
     angle, worst : ``(S, Q)`` deg, and the largest value, there; nan where nothing is
-        solved
+        known
     best_angle, best : ``(S, Q)``, the least of the phases of the scan
     angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan; of linear motions
     extremes are read from 32 time samples for each harmonic there
-    left_out : tuple of str, a sentence for each status of speeds that have no answer,
-        or none at some phases
+    left_out : tuple of str, a sentence for each reason why speeds have no answer, or
+        none at some phases
     """
 
     name: str
@@ -115,9 +117,10 @@ def worst_phase(
 
     Of a linear train exactly, at every speed, and so where the teeth of a train with
     backlash stay in contact at every phase. At other speeds, and where links vary with
-    their amplitude, a scan of the circle by :func:`jaxhb.solve_speeds`, and round the
-    worst phase of each quantity, at the speed at which it is largest, by parabolas:
-    what is narrower than a step of the scan may be missed. :class:`SceneError` of
+    their amplitude, a scan of the circle by :func:`jaxhb.steady_state`, without
+    ``exact``, so that numbers are good to about 1 %; round the worst phase of each
+    quantity, at the speed at which it is largest, by parabolas. What is narrower than a
+    step of the scan may be missed. :class:`SceneError` of
     unknown names.
 
     Parameters
@@ -193,7 +196,7 @@ def worst_phase(
     circle = _circle(topology, name)
     linear = _linear_speeds(train, name, rpm)
     places = np.flatnonzero(linear)
-    solved_places = np.flatnonzero(~linear)
+    marched_places = np.flatnonzero(~linear)
     parts: list[tuple[np.ndarray, _Found]] = []
     left: list[str] = []
     count = phases or PHASES
@@ -203,19 +206,19 @@ def worst_phase(
         finest = PER_HARMONIC_IN_CONTACT if topology.has_law.any() else PER_HARMONIC
         fine = math.ceil(finest * reader.highest * circle / (360.0 * reader.turn))
         fine_count = phases or max(PHASES, fine)
-        if not phases and len(solved_places):
-            # Every so many of its phases are those of the speeds that are solved.
+        if not phases and len(marched_places):
+            # Every so many of its phases are those of the speeds that are marched.
             fine_count = -(-fine_count // PHASES) * PHASES
-        count = count if len(solved_places) else fine_count
+        count = count if len(marched_places) else fine_count
         found = reader.found(quantities, circle, fine_count, every=fine_count // count)
         parts.append((places, found))
         left += reader.left_out()
         least = np.max(np.nan_to_num(found.worst, nan=-np.inf), axis=0)
-    if len(solved_places):
-        solver = _Solved(train, name, rpm[solved_places])
-        found = solver.found(quantities, circle, count, least, progress)
-        parts.append((solved_places, found))
-        left += solver.left_out()
+    if len(marched_places):
+        marched = _Marched(train, name, rpm[marched_places])
+        found = marched.found(quantities, circle, count, least, progress)
+        parts.append((marched_places, found))
+        left += marched.left_out()
     order = np.argsort(np.concatenate([part for part, _ in parts]))
 
     def joined(field_name: str) -> np.ndarray:
@@ -500,19 +503,20 @@ def _read(
 
 
 @dataclass(frozen=True)
-class _Solved:
-    """Values ``(k, Q)`` of a train that is solved anew for every phase ``(k,)`` deg, at
-    the speeds at ``places`` ``(k,)``; the phases of all are mostly one.
+class _Marched:
+    """Values ``(k, Q)`` of the steady states of a train, marched anew for every phase
+    ``(k,)`` deg, at the speeds at ``places`` ``(k,)``; the phases of all are mostly
+    one.
 
-    worst_status : of the phases read, by the speeds that did not converge at all of
-    them; solved : motions by speed and phase, as searches for several quantities meet
+    states : by speed and phase, as searches for several quantities meet; unread :
+    speeds in rpm by sentences that say why a number is missing at some phases
     """
 
     train: DriveTrain
     name: str
     rpm: np.ndarray
-    worst_status: dict[float, int] = field(default_factory=dict)
-    solved: dict[tuple[int, float], Response] = field(default_factory=dict)
+    states: dict[tuple[int, float], SteadyState] = field(default_factory=dict)
+    unread: dict[str, set[float]] = field(default_factory=dict)
 
     def __call__(
         self, angle: np.ndarray, quantities: Sequence[Objective], places: np.ndarray
@@ -521,24 +525,45 @@ class _Solved:
         for phase in np.unique(angle):
             rows = np.flatnonzero(angle == phase)
             design = self.train.replace({f"{self.name}.angle": float(phase)})
-            self._solve(design, float(phase), places[rows])
+            self._march(design, float(phase), places[rows])
             for row in rows:
-                motion = self.solved[int(places[row]), float(phase)]
-                values[row] = _read(motion, quantities, design)[0]
+                state = self.states[int(places[row]), float(phase)]
+                values[row] = [self._value(state, q, design) for q in quantities]
         return values
 
-    def _solve(self, design: DriveTrain, phase: float, places: np.ndarray) -> None:
-        """Solve the train of a phase at the speeds at which it is not solved yet."""
-        fresh = [int(place) for place in places if (place, phase) not in self.solved]
+    def _march(self, design: DriveTrain, phase: float, places: np.ndarray) -> None:
+        """Compute the steady states of the train of a phase at the speeds at which they
+        are not known yet.
+        """
+        fresh = [int(place) for place in places if (place, phase) not in self.states]
         if not fresh:
             return
-        motion = solve_speeds(design, rpm=self.rpm[fresh])
-        for k, place in enumerate(fresh):
-            self.solved[place, phase] = motion[k : k + 1]
-        for lost in np.flatnonzero(~np.asarray(motion.converged)):
-            rpm = float(motion.rpm[lost])
-            status = int(motion.status[lost])
-            self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
+        sweep = steady_state(design, rpm=self.rpm[fresh], exact=False)
+        for place, state in zip(fresh, sweep.states, strict=True):
+            self.states[place, phase] = state
+
+    def _value(
+        self, state: SteadyState, quantity: Objective, design: DriveTrain
+    ) -> float:
+        """A quantity of a state for people, nan where it has none."""
+        if not judged(design, quantity, np.array([state.rpm])).all():
+            return np.nan
+        response = state.response
+        if not state.known or not (response is None or response.converged):
+            status = "" if response is None else Status(int(response.status)).sentence
+            why = "; ".join([*state.notes, *filter(None, [status])])
+            self._leave_out(f"the motion is unknown: {why}", state.rpm)
+            return np.nan
+        measure = QUANTITIES[quantity.quantity]
+        value = measure.of_state(state, quantity.of, quantity.order, design)
+        if np.isnan(value):
+            why = f"recorded cycles do not tell the {quantity.quantity}"
+            self._leave_out(why, state.rpm)
+        return value
+
+    def _leave_out(self, why: str, rpm: float) -> None:
+        """Note why a number is missing at a speed."""
+        self.unread.setdefault(why, set()).add(rpm)
 
     def found(
         self,
@@ -589,11 +614,13 @@ class _Solved:
         )
 
     def left_out(self) -> list[str]:
-        """Sentences for each status of speeds without an answer at some phases."""
-        rpm = np.array(list(self.worst_status))
-        status = np.array(list(self.worst_status.values()))
-        title = f"{self.train.topology.title}, at some phases,"
-        return left_out(rpm, status, title, answered=np.zeros(len(rpm), dtype=bool))
+        """Sentences for the speeds at which numbers are missing at some phases."""
+        title = self.train.topology.title
+        return [
+            f"{title}, at some phases, at {ranges(self.rpm.tolist(), sorted(rpm))} rpm:"
+            f" {why}."
+            for why, rpm in self.unread.items()
+        ]
 
 
 def _refined(

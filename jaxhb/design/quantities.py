@@ -19,6 +19,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.quantities import CALLED, VIBRATIONS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
+from jaxhb.results.steady import SteadyState
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import inertias
 
@@ -151,6 +152,17 @@ class Measure:
         ``train`` where it is ``compared``.
         """
         return self.value(motion, of, order, train, self.sizes["exact"])
+
+    def of_state(
+        self, state: SteadyState, of: str | None, order: float | None, train: DriveTrain
+    ) -> float:
+        """The value for people of a SteadyState of the ``train`` whose motion is known;
+        nan where recorded cycles do not tell it.
+        """
+        motion = state if self.compared else state.response
+        if motion is None:
+            return np.nan
+        return float(self.exact_value(motion, of, order, train))
 
     def differentiated(self, variant: str) -> Callable[..., Array]:
         """The function that a gradient is taken of: "read", "sharp" or "close"."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxhb.design.quantities import QUANTITIES, Objective
+from jaxhb.design.quantities import QUANTITIES
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.heat import heat_balance
 from jaxhb.results.response import Response
@@ -167,16 +167,8 @@ def _add(rows: Rows, train: DriveTrain, piece: Piece, state: SteadyState) -> Non
     if not state.known:
         rows.add(state.kind, 0, status, "; ".join(state.notes))
         return
-    values = [_read(train, state, quantity) for quantity in piece.keep]
+    values = [
+        QUANTITIES[kept.quantity].of_state(state, kept.of, kept.order, train)
+        for kept in piece.keep
+    ]
     rows.add(state.kind, state.period, status, problem, values)
-
-
-def _read(train: DriveTrain, state: SteadyState, quantity: Objective) -> float:
-    """A quantity of a state; nan where recorded cycles do not tell it."""
-    measure = QUANTITIES[quantity.quantity]
-    motion: SteadyState | Response = state
-    if not measure.compared:
-        if state.response is None:
-            return np.nan
-        motion = state.response
-    return float(measure.exact_value(motion, quantity.of, quantity.order, train))
