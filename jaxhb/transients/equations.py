@@ -155,7 +155,8 @@ def set_up(
         meshes=meshes,
         beside=None,
         clutches=clutches,
-        links_over_speed=over_speed,
+        varying_links=springs.links,
+        varying=None if over_speed is None else over_speed.of(springs.links),
     )
     return SetUp(marching, readings, space.coordinates)
 

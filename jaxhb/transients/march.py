@@ -75,13 +75,12 @@ class Varying:
 
         return values(self.stiffness), values(self.viscous)
 
-    def of(self, spring: int) -> Varying:
-        """One spring of them, ``V = 1``."""
-        chosen = slice(spring, spring + 1)
+    def of(self, springs: np.ndarray) -> Varying:
+        """Some of the springs, by their places."""
         return replace(
             self,
-            stiffness=self.stiffness[..., chosen],
-            viscous=self.viscous[..., chosen],
+            stiffness=self.stiffness[..., springs],
+            viscous=self.viscous[..., springs],
         )
 
 

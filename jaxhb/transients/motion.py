@@ -67,9 +67,8 @@ class Readings:
     ``(links,)`` radius in m at the first end of links; bend ``(links, S)`` deflections
     of links; stiffness N/m, viscous N s/m ``(links,)``; meshes : those that have a law;
     beside ``(shafts, G)`` m or None: torques of shafts of the forces beside them;
-    links_over_speed : stiffness and viscous of all links, and of disks behind them,
-    where any depends on it;
-    clutches ``(C,)`` : links with clutches.
+    varying : stiffness and viscous over the speed of the links ``varying_links``
+    ``(V,)``, None where nothing depends on it; clutches ``(C,)`` : links with clutches.
     """
 
     displacement: Array
@@ -84,7 +83,8 @@ class Readings:
     viscous: Array
     meshes: MeshParameters
     beside: Array | None
-    links_over_speed: Varying | None
+    varying: Varying | None
+    varying_links: np.ndarray
     clutches: np.ndarray
 
 
@@ -97,10 +97,10 @@ class States:
 
     parts: tuple[Array, ...]
 
-    def times(self, row: Array) -> Array:
-        """Products ``(instants,)`` with a row ``(n,)``."""
-        products = [part @ row for part in self.parts]
-        return namespace(products).concatenate(products)
+    def times(self, rows: Array) -> Array:
+        """Products ``(R, instants)`` with rows ``(R, n)``."""
+        products = [rows @ part.T for part in self.parts]
+        return namespace(products).concatenate(products, axis=1)
 
 
 @by_value
@@ -250,12 +250,18 @@ class Transient(Motion[History, ToothContact, Array]):
         return History(self.time, values, self.rpm, self.angle, elastic)
 
     def _displacements(self, rows: Array) -> tuple[Array, Array]:
-        """Values ``(n,)`` of a row ``(S,)`` of the displacements, and their rates."""
+        """Values ``(n,)`` of a row ``(S,)`` of the displacements, and their rates,
+        in one pass over the states.
+        """
         readings = self.readings
-        values = self.states.times(rows @ readings.displacement)
-        values = values + self.loads @ (rows @ readings.displacement_of_loads)
-        rates = self.states.times(rows @ readings.velocity)
-        rates = rates + self.loads @ (rows @ readings.velocity_of_loads)
+        xp = namespace(rows, self.states)
+        of_states = [rows @ readings.displacement, rows @ readings.velocity]
+        of_loads = [
+            rows @ readings.displacement_of_loads,
+            rows @ readings.velocity_of_loads,
+        ]
+        both = self.states.times(xp.stack(of_states))
+        values, rates = both + xp.stack(of_loads) @ self.loads.T
         return values, rates
 
     def _law(self, place: int) -> tuple[MeshParameters, Array, Array]:
@@ -296,8 +302,9 @@ class Transient(Motion[History, ToothContact, Array]):
         bend, rate = self._deflection(link)
         stiffness = readings.stiffness[link]
         viscous = readings.viscous[link]
-        if readings.links_over_speed is not None:
-            over_time = readings.links_over_speed.of(link).at(self.rpm * (np.pi / 30))
+        place = np.flatnonzero(np.asarray(readings.varying_links) == link)
+        if readings.varying is not None and len(place):
+            over_time = readings.varying.of(place).at(self.rpm * (np.pi / 30))
             stiffness, viscous = (values[:, 0] for values in over_time)
         elastic = stiffness * bend
         transmitted = elastic + viscous * rate
