@@ -254,7 +254,9 @@ def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
             panel=panel,
             showlegend=in_legend,
         )
-    remark = ", extremes of every recorded cycle; the motion never repeats"
+    remark = ", extremes of every recorded cycle"
+    if answer.state.kind == "irregular":
+        remark += "; the motion never repeats"
     return remark, "recorded cycle", count + 1.0, traces, ()
 
 

@@ -13,6 +13,7 @@ from jaxhb.report import quantities
 from jaxhb.report.figures.figure import (
     Axis,
     Figure,
+    Trace,
     crosses,
     figure,
     line,
@@ -34,6 +35,8 @@ HEIGHT = 100
 WIDTH = 334
 BELOW = 38
 BESIDE = 8
+SMALLER = 0.6  # of the size of marks of lines and rings
+RING = 14  # pixels of marks from which they are rings
 INSTEAD = ("stresses", "tooth_torques")
 """Kinds of limits whose figure stands for that of the torque of an element."""
 
@@ -201,12 +204,20 @@ def _small(large: Figure, called: str = "") -> Figure:
     return dataclasses.replace(
         large,
         panels=units,
-        traces=traces,
+        traces=[_with_small_marks(trace) for trace in traces],
         height=HEIGHT,
         width=WIDTH,
         bottom=BELOW,
         right=BESIDE,
     )
+
+
+def _with_small_marks(trace: Trace) -> Trace:
+    """Make the marks of a line smaller, those of single points stay."""
+    marker = trace.get("marker", {})
+    if "size" not in marker or trace["mode"] == "markers" and marker["size"] < RING:
+        return trace
+    return trace | {"marker": marker | {"size": SMALLER * marker["size"]}}
 
 
 def _torque(report: Report, seat: Seat) -> Figure:
