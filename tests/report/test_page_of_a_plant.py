@@ -266,22 +266,30 @@ def chain(disks):
 @pytest.mark.parametrize("disks", [10, 100, 1000])
 def test_texts_of_the_equivalent_system_never_overlap(disks):
     strips = equivalent_system(chain(disks)).strips
-    texts = 0
+    names = []
+    numbers = 0
     for strip in strips:
         rows = {}
-        pattern = r'<text x="([\d.]+)" y="([\d.]+)"[^>]*?( textLength[^>]*)?>([^<]*)<'
-        for x, y, squeezed, words in re.findall(pattern, strip):
+        pattern = (
+            r'<text x="([\d.]+)" y="([\d.]+)"[^>]*?( textLength="[^>]*?Glyphs")?'
+            r'( class="name")?>([^<]*)<'
+        )
+        for x, y, squeezed, name, words in re.findall(pattern, strip):
             # Letters of Arial are on average narrower than 0.56 of their size.
             width = ROOM if squeezed else 0.56 * SIZE * len(words)
             rows.setdefault(float(y), []).append((float(x) - width / 2, width))
-            texts += 1
+            names += [words] * bool(name)
+            numbers += not name
         heights = sorted(rows)
         assert min(np.diff(heights)) >= SIZE
         for row in rows.values():
             ends = sorted((left, left + width) for left, width in row)
             for (_, end), (begin, _) in zip(ends, ends[1:], strict=False):
                 assert end <= begin
-    assert texts == 2 * disks + disks - 1
+    assert numbers == disks + disks - 1
+    # Names are broken into two lines.
+    assert names.count("disk with") == disks
+    assert names.count(f"number {disks - 1}") == 1
 
 
 def test_the_forward_end_is_the_far_end_of_the_reference_rotor():

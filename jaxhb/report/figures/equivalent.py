@@ -3,8 +3,8 @@ stiffnesses, written so that no two texts share a place.
 
 Ways through the train (:func:`~jaxhb.report.figures.ways.train_lines`) stand one behind
 the other, a seat for each disk, in strips as wide as a page. Each kind of text has a
-height of its own in a strip, and as much width as two disks are apart: longer names take
-two lines, and what is longer still is squeezed.
+height of its own in a strip, and as much width as two disks are apart: longer names
+take two lines, and what is longer still is squeezed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -274,6 +274,6 @@ def _text(words: str, x: float, y: float, kind: str = "") -> str:
     if width_of(words, SIZE) > ROOM:
         squeezed = f' textLength="{ROOM:g}" lengthAdjust="spacingAndGlyphs"'
     return (
-        f'<text x="{x:g}" y="{y:g}" text-anchor="middle"{squeezed}{kind}>{escape(words)}'
-        "</text>"
+        f'<text x="{x:g}" y="{y:g}" text-anchor="middle"{squeezed}{kind}>'
+        f"{escape(words)}</text>"
     )

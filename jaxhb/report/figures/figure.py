@@ -39,8 +39,8 @@ between two, the axis below, and the edge below that.
 
 LEGEND_ROW = 19
 LEGEND_SIZE = 10
-KEY = 47
-"""Pixels of a row of the legend, of the font in it, and of the line before its name with
+KEY = 45
+"""Pixels of a row of the legend, of the font in it, and of the line before a name with
 the gaps beside it.
 """
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.report import quantities
 from jaxhb.report.figures.figure import (
+    UNCONFIRMED,
     Axis,
     Figure,
     Trace,
@@ -36,6 +37,7 @@ WIDTH = 334
 BELOW = 38
 BESIDE = 8
 SMALLER = 0.6  # of the size of marks of lines and rings
+NAMES = {UNCONFIRMED: "ringed: unconfirmed"}  # short ones, of which two have room
 RING = 14  # pixels of marks from which they are rings
 INSTEAD = ("stresses", "tooth_torques")
 """Kinds of limits whose figure stands for that of the torque of an element."""
@@ -192,10 +194,10 @@ def _small(large: Figure, called: str = "") -> Figure:
     """Make a figure small, so that two stand side by side; legends leave out what was
     ``called`` in the caption.
     """
-    traces = [
-        trace | {"name": trace["name"].removeprefix(f"{called}, ")}
-        for trace in large.traces
-    ]
+    traces = []
+    for trace in large.traces:
+        name = trace["name"].removeprefix(f"{called}, ")
+        traces.append(trace | {"name": NAMES.get(name, name)})
     # The caption tells the quantity; a long title would be broken.
     units = [
         dataclasses.replace(axis, title=axis.title.rpartition(", ")[2])

@@ -151,7 +151,7 @@ def for_readers(note: str) -> str:
     the user of the program may do.
 
     >>> for_readers("[[cylinder]] 'A1', 'A2': the load is high: give load_over_rpm")
-    'cylinder A1, A2: the load is high.'
+    'Cylinders A1, A2: the load is high.'
     >>> for_readers("[[shaft]] 'shaft 2': 3.2e5 Pa are unusual")
     'shaft 2: 3.2 bar are unusual.'
     """
@@ -159,10 +159,14 @@ def for_readers(note: str) -> str:
     if table:
         names, colon, rest = note[table.end() :].partition(": ")
         names = names.replace("', '", ", ").strip("'").replace("', …", ", …")
-        kind = "" if names.startswith(table[1]) else f"{table[1]} "
+        several = "s" * (", " in names)
+        kind = f"{table[1].capitalize()}{several} "
+        if names.startswith(table[1]):
+            kind = ""
         note = f"{kind}{names}{colon}{rest}"
     note = re.sub(rf" \([^()]*(?:{_ADVICE})[^()]*\)", "", note)
-    note = re.sub(rf"[:;] [^:;]*(?:{_ADVICE})[^:;]*$", "", note)
+    clause = r"(?:(?![:;] ).)*"
+    note = re.sub(rf"[:;] {clause}(?:{_ADVICE}){clause}$", "", note)
     note = re.sub(r"(\d)e5 Pa\b", r"\1 bar", note)
     return f"{note.rstrip('.')}."
 

@@ -25,6 +25,7 @@ from jaxhb.report.page.critical import critical_table, modes_that_matter
 from jaxhb.report.page.judgement import for_readers
 from jaxhb.report.page.parts import ROWS, Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
+from jaxhb.report.table import Table
 from jaxhb.report.text.forced import (
     ElementReading,
     WorstMisfire,
@@ -139,7 +140,7 @@ def campbell(report: Report) -> list[Block]:
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
         *[first] * report.train.topology.depends_on_speed,
-        *map(for_readers, parts),
+        *(part if isinstance(part, Table) else for_readers(part) for part in parts),
         *critical_table(report, main.critical, natural),
         *[last] * (not main.critical),  # it says so
         *[left_out] * bool(left),

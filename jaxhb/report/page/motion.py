@@ -5,11 +5,12 @@ at one speed in full, and in a second design.
 import dataclasses
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxhb.report import quantities
-from jaxhb.report.answer import UNCONFIRMED, Case
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
@@ -24,8 +25,21 @@ from jaxhb.report.page.parts import Block, Heading, Report, flowing, without
 from jaxhb.report.selection import subject_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import speed_tables
-from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, hit, percent, ratio
-from jaxhb.report.text.sentences import NO_TEETH, status_lines, verdict
+from jaxhb.report.text.columns import (
+    DOUBT,
+    NONE,
+    Doubtful,
+    hit,
+    percent,
+    plain_number,
+    ratio,
+)
+from jaxhb.report.text.sentences import (
+    NO_TEETH,
+    motion_text,
+    solution_text,
+    verdict,
+)
 from jaxhb.report.text.sweep_tables import motion_sentences, speed_table, turning_table
 from jaxhb.results.answers import with_gaps
 from jaxhb.results.quantities import VIBRATIONS
@@ -77,7 +91,7 @@ def _linear_irregularity(report: Report) -> Table:
     rows = []
     for name in quantity.names:
         ratio_of_disk = ratios[topology.rotor[topology.disk_names.index(name)]]
-        cells: list[float | str] = [name]
+        cells: list[Any] = [name]
         for case in report.shown:
             response = with_gaps(report.responses[case.title])
             swing = VIBRATIONS["speed"].read(response, name).half_peak_to_peak
@@ -245,7 +259,7 @@ def one_speed(report: Report) -> list[Block]:
     )
     blocks: list[Block] = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
-        lines = [f"{line[0].upper()}{line[1:]}." for line in status_lines(answer)]
+        lines = [f"Motion: {motion_text(answer)}.", *_accuracy_line(answer)]
         blocks.append(Heading(f"With {title}"))
         if not report.is_linear:
             blocks.append("\n".join([verdict(answer), *lines]))
@@ -257,6 +271,22 @@ def one_speed(report: Report) -> list[Block]:
     return blocks + (
         [] if report.is_linear else speed_tables(report.shown, report.place)
     )
+
+
+def _accuracy_line(answer: Answer) -> list[str]:
+    """Say how accurate the numbers of a harmonic solution are, in a list; empty of
+    motions that were recorded.
+    """
+    response = answer.response
+    if response is None:
+        return []
+    if not answer.converged:
+        return [f"{solution_text(answer)}."]
+    error = 100 * float(response.truncation_error)
+    return [
+        f"Error of the tooth forces, as estimated: {plain_number(error, 2)} % of the"
+        f" largest, with {answer.harmonics} harmonics."
+    ]
 
 
 def second_design(report: Report) -> list[Block]:

@@ -44,7 +44,7 @@ FULL = 95  # letters of a line of text that goes on in the next
 SPEEDS = 201
 CAMPBELL_SPEEDS = 33
 ROWS = 150  # rows of a table that are shown
-SHORT = 24  # letters of names that are not broken in a table
+SHORT = 26  # letters of names that are not broken in a table
 
 
 class Heading(str):
@@ -71,10 +71,11 @@ class Report:
     words and tables on the effects of the tolerances of the scene; transient : words,
     tables and figures of a transient; facts : where the
     page comes from; title, logo : title block, and its picture as an address that holds
-    it; mode : operating mode of the scene; description, scene : the description in the scene, and its text; elements,
-    second_elements : the elements of the scenes of both designs by name, see
-    :func:`jaxhb.scene.writer.elements_of`; files : names of the files that torques and
-    cylinders take their rows from, see :func:`jaxhb.scene.writer.element_files`
+    it; mode : operating mode of the scene; description, scene : the description in the
+    scene, and its text; elements, second_elements : the elements of the scenes of both
+    designs by name, see :func:`jaxhb.scene.writer.elements_of`; files : names of the
+    files that torques and cylinders take their rows from, see
+    :func:`jaxhb.scene.writer.element_files`
     """
 
     cases: list[Case]
@@ -129,7 +130,7 @@ class Report:
         critical = []
         if high > low:
             diagram = campbell(self.train, rpm=np.linspace(low, high, CAMPBELL_SPEEDS))
-            critical = [round(speed.rpm, 2) for speed in counting(diagram)]
+            critical = [round(float(speed.rpm), 2) for speed in counting(diagram)]
         return np.unique([*self.rpm, *more, *critical])
 
     @cached_property

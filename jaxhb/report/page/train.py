@@ -339,8 +339,8 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
         loads = [plain_number(float(answer.balance.load_kW)) for answer in answers]
         table_rows.append(["power of the loads, kW", NONE, *loads])
     return Table(
-        f"Mean torques over the speed, {unit} (positive: drives); of equal cylinders the"
-        " first stands for all",
+        f"Mean torques over the speed, {unit} (positive: drives); of equal cylinders"
+        " the first stands for all",
         ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)],
         table_rows,
     )
@@ -429,8 +429,11 @@ def assumptions(report: Report) -> list[Block]:
     """Say what holds for every number of the page, and where it comes from."""
     template = environment().get_template("assumptions.txt")
     text = template.render(report=report, means=mean_angles_of)
+    facts = dict(report.facts)
+    if report.is_linear:
+        facts.pop("accuracy", None)  # of harmonic balance, which has no part in it
     return [
         *filter(None, text.splitlines()),
         *linear_accuracy(report),
-        Table("Where this page comes from", ["", ""], report.facts.items()),
+        Table("Where this page comes from", ["", ""], facts.items()),
     ]

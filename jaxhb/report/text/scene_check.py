@@ -84,8 +84,10 @@ def referred_tables(train: DriveTrain) -> list[Table]:
     ):
         if values.any():
             to_ground.append(quantity)
-            of_quantity = [values, values * numbers.factor**2]
-            disks |= _with_unit(letter, unit, of_quantity, several)
+            scaled, power = _prefixed(values)
+            disks[f"{letter} {power}{unit}"] = scaled
+            if several:
+                disks[f"{letter} i^2"] = scaled * numbers.factor**2
     more = f", {' and '.join(to_ground)} to ground" if to_ground else ""
     actual = ", actual and referred to the reference rotor" if several else ""
     tables = [_numbers(f"{topology.title}: inertias{more}{actual}", disks)]
@@ -100,27 +102,30 @@ def referred_tables(train: DriveTrain) -> list[Table]:
             links["kind"] = kinds
         if several:
             links["factor i"] = numbers.link_factor
-        stiffnesses = [numbers.stiffness, numbers.stiffness_referred]
-        dampings = [numbers.damping, numbers.damping_referred]
-        links |= _with_unit("k", "N m/rad", stiffnesses, several)
-        links |= _with_unit("r", "N m s/rad", dampings, several)
-        of_meshes = ""
-        if topology.mesh_names:
-            units = [
-                head.partition(" ")[2].replace("N m", "N").replace("/rad", "/m")
-                for head in links
-                if head.endswith("/rad")
-            ]
-            of_meshes = (
-                f"; of meshes in {units[0]} and {units[1]}, their factor is i x radius"
-                " in m"
+        torsional = len(numbers.links) - len(topology.mesh_names)
+        of_meshes = []
+        for letter, unit, actual, of_reference in (
+            ("k", "N m/rad", numbers.stiffness, numbers.stiffness_referred),
+            ("r", "N m s/rad", numbers.damping, numbers.damping_referred),
+        ):
+            scaled, power = _prefixed(actual[:torsional])
+            of_teeth, power_of_teeth = _prefixed(actual[torsional:])
+            links[f"{letter} {power}{unit}"] = np.append(scaled, of_teeth)
+            if several:
+                links[f"{letter} i^2"] = np.asarray(of_reference) / PREFIXES[power]
+            of_meshes.append(
+                f"{power_of_teeth}{unit.replace('N m', 'N').replace('rad', 'm')}"
             )
+        remark = (
+            f"; of meshes in {' and '.join(of_meshes)}, their factor is i x radius in m"
+        )
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
             links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
         tables.append(
             _numbers(
-                f"Stiffness k and damping r of links{of_meshes}",
+                "Stiffness k and damping r of links"
+                + remark * bool(topology.mesh_names),
                 links,
                 left="kind",
             )
@@ -129,20 +134,17 @@ def referred_tables(train: DriveTrain) -> list[Table]:
     return [*tables, *varying, *over_speed]
 
 
-def _with_unit(
-    letter: str, unit: str, values: Sequence[Any], referred: bool
-) -> dict[str, Any]:
-    """Columns of actual and referred values by their heads, in thousands or millions of
-    a unit where the largest is as large.
+def _prefixed(values: Array) -> tuple[np.ndarray, str]:
+    """Numbers in thousands or millions of their unit where the largest is as large, and
+    the prefix of the unit.
+
+    >>> _prefixed(np.array([2.5e7, 5e6]))
+    (array([25.,  5.]), 'M')
     """
-    actual, of_reference = (np.asarray(each, float) for each in values)
-    largest = float(np.max(np.abs(actual), initial=0.0))
+    numbers = np.asarray(values, float)
+    largest = float(np.max(np.abs(numbers), initial=0.0))
     power = next((power for least, power in LARGE if largest >= least), "")
-    factor = 1.0 / PREFIXES[power]
-    columns = {f"{letter} {power}{unit}": factor * actual}
-    if referred:
-        columns[f"{letter} i^2"] = factor * of_reference
-    return columns
+    return numbers / PREFIXES[power], power
 
 
 def at_own_speed(train: DriveTrain) -> DriveTrain:
