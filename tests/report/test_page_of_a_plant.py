@@ -73,11 +73,9 @@ def parts_by_title(made):
 
 
 def fine_response():
-    """The train and its forced response at the speeds at which its page judges it."""
+    """The train and its forced response at many more speeds than its page has."""
     train = jaxhb.load_scene("tests/data/scenes/limited_line.toml")
-    given = np.linspace(LOW, HIGH, 8)
-    speeds = np.unique([*given, *np.linspace(LOW, HIGH, 201)])
-    return train, jaxhb.forced_response(train, rpm=speeds)
+    return train, jaxhb.forced_response(train, rpm=np.linspace(LOW, HIGH, 4001))
 
 
 @pytest.mark.slow
@@ -88,8 +86,9 @@ def test_a_linear_train_is_judged_at_the_speeds_between_those_given(pages):
     answer = tables(parts_by_title(made)["Result"])[0]
     shown = dict(zip(answer.columns[0], answer.columns[5], strict=True))
     heat = {name: np.max(response.power(name)) for name in ("coupling", "ring")}
-    assert float(shown["coupling"]) == pytest.approx(heat["coupling"] / 300, abs=0.006)
-    assert float(shown["ring"]) == pytest.approx(heat["ring"] / 40, abs=0.006)
+    # The page has the critical speeds of the undamped train, beside the peaks.
+    assert float(shown["coupling"]) == pytest.approx(heat["coupling"] / 300, rel=0.01)
+    assert float(shown["ring"]) == pytest.approx(heat["ring"] / 40, rel=0.01)
     # Between the eight speeds lies the resonance: there alone it is above its limit.
     answers = made.report.cases[0].answers
     assert max(each.power("coupling") for each in answers) < 300 < heat["coupling"]

@@ -32,7 +32,7 @@ is left out.
 """
 
 FEWEST = 3  # critical speeds that are shown, however small they are
-NODES = 3  # links that are named as places of nodes
+NODES = 2  # links that are named as places of nodes
 HOLZER_DISKS = 60  # disks of a train that has Holzer's tables
 HOLZER_MODES = 2  # of the modes with critical speeds
 

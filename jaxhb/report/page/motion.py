@@ -198,9 +198,9 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     marked = any(isinstance(cell, Doubtful) for row in rows for cell in row)
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
-    largest = "" if quantity.title.startswith("Largest") else ", largest"
+    begin = "" if quantity.title.startswith("Largest") else ", largest"
     return Table(
-        f"{quantity.title}{largest} over the speeds, {quantity.placeholder}{remark}",
+        f"{quantity.title}{begin} over the speeds, {quantity.placeholder}{remark}",
         columns,
         rows,
     )

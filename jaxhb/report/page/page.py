@@ -133,7 +133,9 @@ class Page:
 
 def as_page(report: Report, phrases: Mapping[str, str] = MappingProxyType({})) -> Page:
     """Make the page of a :class:`Report`, with phrases in the place of English ones."""
-    names = names_of(report.train.topology, [report.description, report.mode])
+    facts = [text for fact, text in report.facts.items() if fact != "changes"]
+    more = [report.description, report.mode, *facts]
+    names = names_of(report.train.topology, more)
     words = Words(phrases, names)
     return Page(report, parts_of(report, PARTS, words), words)
 

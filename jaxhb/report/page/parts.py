@@ -22,7 +22,7 @@ from jaxhb.report.figures.figure import Figure
 from jaxhb.report.figures.linear import counting
 from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.page.words import Words
-from jaxhb.report.selection import cylinder_of
+from jaxhb.report.selection import cylinder_of, is_linear
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
@@ -113,11 +113,8 @@ class Report:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the linear forced response is the whole answer: no mesh has backlash
-        or varies, no shaft or damper has stages, stops, clearance or friction.
-        """
-        topology = self.train.topology
-        return not (self.has_backlash or topology.springs or topology.mesh_varies.any())
+        """Whether the linear forced response is the whole answer."""
+        return is_linear(self.train.topology)
 
     @cached_property
     def fine_rpm(self) -> np.ndarray:

@@ -3,7 +3,6 @@ versions.
 """
 
 import dataclasses
-import io
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -13,6 +12,7 @@ import numpy as np
 from jaxhb.elements.declared import facts_of, unit_of
 from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques, scale_at
+from jaxhb.report.figures.draw import as_svg
 from jaxhb.report.figures.equivalent import equivalent_system
 from jaxhb.report.figures.sketch import MOST, plot_train
 from jaxhb.report.orders import order_names
@@ -84,15 +84,8 @@ def _sketch(train: DriveTrain) -> list[Block]:
     """
     if not train.topology.mesh_names or train.topology.n_disks > MOST:
         return []
-    from matplotlib import rc_context
-
-    content = io.StringIO()
-    # Texts stay texts, which other words may replace.
-    with rc_context({"svg.fonttype": "none"}):
-        # The page has a date of its own.
-        plot_train(train).savefig(content, format="svg", metadata={"Date": None})
     # Inside HTML an SVG has no XML head.
-    _, svg, rest = content.getvalue().partition("<svg")
+    _, svg, rest = as_svg(plot_train(train)).partition("<svg")
     return [Sketch(svg + rest)]
 
 

@@ -104,12 +104,12 @@ def referred_tables(train: DriveTrain) -> list[Table]:
             links["factor i"] = numbers.link_factor
         torsional = len(numbers.links) - len(topology.mesh_names)
         of_meshes = []
-        for letter, unit, actual, of_reference in (
+        for letter, unit, of_links, of_reference in (
             ("k", "N m/rad", numbers.stiffness, numbers.stiffness_referred),
             ("r", "N m s/rad", numbers.damping, numbers.damping_referred),
         ):
-            scaled, power = _prefixed(actual[:torsional])
-            of_teeth, power_of_teeth = _prefixed(actual[torsional:])
+            scaled, power = _prefixed(of_links[:torsional])
+            of_teeth, power_of_teeth = _prefixed(of_links[torsional:])
             links[f"{letter} {power}{unit}"] = np.append(scaled, of_teeth)
             if several:
                 links[f"{letter} i^2"] = np.asarray(of_reference) / PREFIXES[power]
