@@ -292,14 +292,15 @@ def _short(table: Table) -> set[int]:
     }
 
 
-def unbroken(text: str) -> str:
-    """Keep what a line must not break: hyphens, and a unit of two words behind its
-    comma.
+def unbroken(text: str, *, hyphens: bool = False) -> str:
+    """Keep together what a line must not break: units of two words, in heads of
+    columns words with ``hyphens``; elsewhere these stay as people search them.
 
-    >>> unbroken("half peak-to-peak, kN m").split()
-    ['half', 'peak\u2011to\u2011peak,', 'kN\xa0m']
+    >>> unbroken("half p-p, kN m", hyphens=True).split(" ")
+    ['half', 'p\u2011p,', 'kN\xa0m']
     """
-    text = re.sub(r"(?<=\w)-(?=\w)", "\u2011", text)
+    if hyphens:
+        text = re.sub(r"(?<=\w)-(?=\w)", "\u2011", text)
     return re.sub(r"\b([kM]?N) (?=m\b)", "\\1\u00a0", text)
 
 

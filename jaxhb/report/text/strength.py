@@ -386,11 +386,8 @@ def _barred_text(strength: Strength, rule_name: str) -> str:
         if shaft_rule == rule_name
     }
     rule = strength.known[rule_name]
-    barred = [
-        (name, barred_range)
-        for name in limited
-        for barred_range in strength.barred[name]
-    ]
+    ranges = strength.barred  # they are found anew each time
+    barred = [(name, each) for name in limited for each in ranges[name]]
     after = "" if rule.default else f" after {rule.name}"
     share = rule.highest
     reach = strength.judged[rule_name]
