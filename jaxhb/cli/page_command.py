@@ -424,6 +424,7 @@ def _report_of(arguments: cli.ReportOptions, computed: _Computed) -> Report:
         facts=_facts(arguments),
         title=block,
         logo=logo_address(block, folder),
+        mode=arguments.scenario or "",
         description=scene_description(arguments.scene),
         scene=scene_text(arguments.scene)[0],
         elements={name: row for name, row in elements.items() if name in present},

@@ -18,7 +18,7 @@ SAME = 1e-9
 @dataclass(frozen=True)
 class OrderNames:
     """Names of orders: ``makers`` has by harmonic of the cycle the order in revolutions
-    of the geared rotor that makes it, and its disk, ``"4 of propeller"``.
+    of the geared rotor that makes it, and a disk of it, ``"4 of propeller"``.
     """
 
     revolutions_per_cycle: float
@@ -38,22 +38,25 @@ NUMBERS = OrderNames(1.0, {})
 
 def order_names(train: DriveTrain) -> OrderNames:
     """Name the orders that excite a train; those that the reference rotor makes as well
-    have their numbers alone.
+    have their numbers alone. Rotors that make an order at the same number of their own
+    are named by the first disk: cylinders, and engines side by side.
     """
     topology = train.topology
     cycle = train.topology.revolutions_per_cycle
     ratios = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
     by_reference: set = set()
-    makers: dict[int, dict[str, None]] = {}
+    makers: dict[int, dict[str, str]] = {}
     for disk, harmonics, of_own_rotor in _sources(topology):
         if not of_own_rotor or abs(ratios[disk] - 1) <= SAME:
             by_reference.update(harmonics)
             continue
         for n in harmonics:
-            maker = f"{n / cycle / ratios[disk]:.6g} of {topology.disk_names[disk]}"
-            makers.setdefault(n, {})[maker] = None
+            number = f"{n / cycle / ratios[disk]:.6g}"
+            makers.setdefault(n, {}).setdefault(number, topology.disk_names[disk])
     by_geared_rotor = {
-        n: ", ".join(names) for n, names in makers.items() if n not in by_reference
+        n: ", ".join(f"{number} of {disk}" for number, disk in by_number.items())
+        for n, by_number in makers.items()
+        if n not in by_reference
     }
     return OrderNames(cycle, by_geared_rotor)
 

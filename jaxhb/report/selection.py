@@ -116,6 +116,15 @@ def heaviest(train: DriveTrain) -> str:
     return topology.disk_names[max(disks, key=lambda i: inertia[i])]
 
 
+def is_linear(topology: Topology) -> bool:
+    """Tell whether the linear forced response is the whole answer: no mesh has backlash
+    or varies, no shaft or damper has stages, stops, clearance or friction.
+    """
+    return not (
+        any(topology.mesh_backlash) or topology.springs or topology.mesh_varies.any()
+    )
+
+
 def turning_disks(train: DriveTrain) -> tuple[str, ...]:
     """Return the disks whose irregularity is reported: the heaviest of the reference
     rotor, the gears, and those with a load.

@@ -139,8 +139,8 @@ def test_a_torque_tells_how_it_changes_over_the_speed():
 
 def test_a_combustion_model_is_told_by_its_numbers():
     numbers = numbers_of(tables_of("first_scene", [2000.0]))
-    assert numbers["combustion.imep bar"] == "8"
-    assert numbers["combustion.compression ratio"] == "17"
+    assert numbers["combustion: imep bar"] == "8"
+    assert numbers["combustion: compression ratio"] == "17"
 
 
 @pytest.mark.slow

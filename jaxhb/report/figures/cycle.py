@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 SAMPLES = 4320
 
 PANEL = 130  # pixels, the height of a panel
+# Panels up to which each is as high, and the height of more
+FEW = 3
+LOW_PANEL = 96
 MOST_TICKS = 12  # steps of an axis of angles, whose numbers have up to five digits
 FOOT = 0.012  # width of a bar, as a share of the recorded cycles
 # Cycles up to which every sample is drawn; of longer periods as many points in all
@@ -122,7 +125,7 @@ def cycle_figure(
         angles,
         [Axis(f"{quantity.called}, {quantity.unit}") for quantity, _ in rows],
         traces,
-        height=PANEL,
+        height=PANEL if len(rows) <= FEW else LOW_PANEL,
         bands=shaded,
         notes=[above(plain(name), panel) for panel, (_, name) in enumerate(rows)],
     )
@@ -254,7 +257,9 @@ def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
             panel=panel,
             showlegend=in_legend,
         )
-    remark = ", extremes of every recorded cycle; the motion never repeats"
+    remark = ", extremes of every recorded cycle"
+    if answer.state.kind == "irregular":
+        remark += "; the motion never repeats"
     return remark, "recorded cycle", count + 1.0, traces, ()
 
 

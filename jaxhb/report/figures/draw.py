@@ -5,6 +5,7 @@ import than many commands take; without pyplot.
 
 from __future__ import annotations
 
+import io
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -63,6 +64,16 @@ def empty(
     from matplotlib.figure import Figure as Picture
 
     return Picture(figsize=(width, height), layout=layout)
+
+
+def as_svg(picture: Picture) -> str:
+    """Write a picture as SVG whose texts stay texts, without a date."""
+    from matplotlib import rc_context
+
+    content = io.StringIO()
+    with rc_context({"svg.fonttype": "none"}):
+        picture.savefig(content, format="svg", metadata={"Date": None})
+    return content.getvalue()
 
 
 def drawn(*figures: Figure, title: str = "") -> Picture:

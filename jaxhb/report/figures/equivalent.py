@@ -3,8 +3,8 @@ stiffnesses, written so that no two texts share a place.
 
 Ways through the train (:func:`~jaxhb.report.figures.ways.train_lines`) stand one behind
 the other, a seat for each disk, in strips as wide as a page. Each kind of text has a
-height of its own in a strip, and as much width as two disks are apart: longer texts are
-squeezed.
+height of its own in a strip, and as much width as two disks are apart: longer names
+take two lines, and what is longer still is squeezed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +14,7 @@ from html import escape
 import numpy as np
 
 from jaxhb.report.figures.figure import BAND, WIDTH
+from jaxhb.report.figures.lettering import width_of
 from jaxhb.report.figures.sketch import TORQUE
 from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.text.columns import plain_number
@@ -29,16 +30,18 @@ STEP = 66.0
 """Pixels from the left to the first disk of a strip, and between two."""
 
 ROOM = STEP - 4.0  # pixels for a text
-LETTER = 0.54  # width of a letter over its height
 LONGEST = 22  # letters of a text, of which longer ones are cut
-NAME = 10.0
-STIFFNESS = 25.0
-LINE = 44.0
-DAMPING = 61.0
-INERTIA = 71.0
-GROUND = 81.0
-HEIGHT = 88.0
-"""Pixels from the top of a strip to each kind of text, to the line, and to its end."""
+NAME = 18.0
+ABOVE_NAME = 9.0
+STIFFNESS = 33.0
+LINE = 52.0
+DAMPING = 69.0
+INERTIA = 79.0
+GROUND = 89.0
+HEIGHT = 96.0
+"""Pixels from the top of a strip to each kind of text, the first of two lines of a name
+before the other, to the line, and to its end.
+"""
 
 RADII = 3.5, 11.0  # pixels of the smallest and the largest disk
 SIZE = 8.4  # pixels of a letter
@@ -175,7 +178,14 @@ class _Pen:
         parts = [
             f'<circle cx="{x:g}" cy="{LINE:g}" r="{self.radius[disk]:.1f}"'
             f' fill="{"white" if again else fill}" stroke="black"{look}/>',
-            _text(f"({name})" if again else name, x, NAME),
+            *(
+                _text(line, x, height, ' class="name"')
+                for line, height in zip(
+                    reversed(name_lines(f"({name})" if again else name)),
+                    (NAME, ABOVE_NAME),
+                    strict=False,
+                )
+            ),
         ]
         if again:
             return "".join(parts)
@@ -236,15 +246,34 @@ class _Pen:
         return "".join(parts)
 
 
-def _text(words: str, x: float, y: float) -> str:
+def name_lines(name: str) -> list[str]:
+    """Break a name into the lines that a strip has of it: one, or two where it is long,
+    each as short as can be.
+
+    >>> name_lines("propeller shaft flange")
+    ['propeller', 'shaft flange']
+    """
+    lines = [name]
+    breaks = [place for place, letter in enumerate(name) if letter == " "]
+    if width_of(name, SIZE) > ROOM and breaks:
+        place = min(
+            breaks,
+            key=lambda at: max(width_of(name[:at], SIZE), width_of(name[at:], SIZE)),
+        )
+        lines = [name[:place], name[place + 1 :]]
+    return [
+        line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}…" for line in lines
+    ]
+
+
+def _text(words: str, x: float, y: float, kind: str = "") -> str:
     """Write a text in the middle above a place, squeezed where it is wider than its
     room.
     """
     squeezed = ""
-    words = words if len(words) <= LONGEST else f"{words[: LONGEST - 1]}…"
-    if LETTER * SIZE * len(words) > ROOM:
+    if width_of(words, SIZE) > ROOM:
         squeezed = f' textLength="{ROOM:g}" lengthAdjust="spacingAndGlyphs"'
     return (
-        f'<text x="{x:g}" y="{y:g}" text-anchor="middle"{squeezed}>{escape(words)}'
-        "</text>"
+        f'<text x="{x:g}" y="{y:g}" text-anchor="middle"{squeezed}{kind}>'
+        f"{escape(words)}</text>"
     )

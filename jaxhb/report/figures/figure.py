@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from jaxhb.report.figures.lettering import width_of
 from jaxhb.report.units import is_chosen
 
 if TYPE_CHECKING:
@@ -37,9 +38,11 @@ between two, the axis below, and the edge below that.
 """
 
 LEGEND_ROW = 19
-LETTER = 4.9
-KEY = 46
-"""Pixels of a row of the legend, of a letter in it, and of the line before its name."""
+LEGEND_SIZE = 10
+KEY = 45
+"""Pixels of a row of the legend, of the font in it, and of the line before a name with
+the gaps beside it.
+"""
 
 BESIDE = 76
 BESIDE_NARROW = 58
@@ -92,7 +95,7 @@ MOTIONS = {
     "subharmonic": ("diamond", "period of several cycles"),
     "irregular": ("star", "irregular"),
     "unstable": ("triangle-down", "unstable: the train does not run there"),
-    None: ("x-thin-open", "no answer: unknown, or not converged"),
+    None: ("x-thin-open", "no result"),
 }
 """Symbol and words of every kind of motion, in every picture; None: there are no
 numbers.
@@ -283,7 +286,7 @@ def numbered(name: str, panel: int) -> str:
 def legend_columns(traces: Iterable[Trace], width: int = WIDTH) -> int:
     """Count the columns of the legend, from the lengths of its names."""
     widths = [
-        KEY + LETTER * len(trace["name"])
+        KEY + width_of(trace["name"], LEGEND_SIZE)
         for trace in traces
         if trace.get("showlegend", True)
     ]
@@ -488,7 +491,7 @@ def kind_keys(*lists: Sequence[Answer]) -> list[Trace]:
     return keys + crosses(sorted(places))
 
 
-UNCONFIRMED = "ringed: not confirmed by harmonic balance, ? in tables"
+UNCONFIRMED = "ringed: not confirmed, ? in tables"
 
 
 def rings(points: Sequence[tuple[float, float]]) -> list[Trace]:

@@ -28,6 +28,7 @@ from jaxhb.report.figures.figure import (
     marks,
     note,
 )
+from jaxhb.report.figures.lettering import width_of
 from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.orders import NUMBERS, OrderNames
 from jaxhb.report.units import said
@@ -41,6 +42,8 @@ POINTS = 2000
 # Modal torque over the largest of the mode from which a critical speed is filled
 COUNTS = 0.1
 APART = 0.032  # share of the height between the names of two modes
+BEHIND = 26  # pixels from the frame to the names of modes, behind those of orders
+FEW = 4  # orders of geared rotors whose makers are named at their rays
 MOST_DECADES = 5  # on either side of 0
 LINEAR = 1e-3  # residual over its median below which the scale is linear
 
@@ -214,11 +217,11 @@ def campbell_figure(
         " critical speeds circled, filled where the modal torque is above"
         f" {100 * COUNTS:g} % of the largest of the mode"
     )
-    ray_names = [
-        _ray_name(order, high, top, names)
-        for order in campbell.orders
-        if order * low / 60 < top
-    ]
+    drawn_orders = [order for order in campbell.orders if order * low / 60 < top]
+    long_names = sum(names.number(order) != f"{order:g}" for order in drawn_orders)
+    # Many long names would hide the diagram; tables have them.
+    short = names if long_names <= FEW else NUMBERS
+    ray_names = [_ray_name(order, high, top, short) for order in drawn_orders]
     ray_names += [
         note(f"{hz:g} Hz", low, hz, size=9, xanchor="left", yanchor="bottom")
         for hz in fixed_hz
@@ -231,7 +234,7 @@ def campbell_figure(
         height=400,
         notes=ray_names + _mode_names(campbell, shown, top),
     )
-    return replace(spec, right=125, top=12)
+    return replace(spec, right=145, top=12)
 
 
 def counting(campbell: Campbell) -> list[Critical]:
@@ -261,6 +264,7 @@ def _mode_names(
                 max(hz, lowest),
                 xref="paper",
                 xanchor="left",
+                xshift=BEHIND,
             )
         )
         lowest = notes[-1]["y"] + APART * top
@@ -276,15 +280,18 @@ def _ray_name(
     if hz > top:
         place: dict[str, Any] = {"x": 60 * top / order, "y": top, "yanchor": "bottom"}
     else:
-        place = {"x": high, "y": hz, "xanchor": "right", "xshift": -4}
-        # A long name stands below its ray, where it hides no mode.
+        # A number stands behind the end of its ray, a long name below the ray.
+        place = {"x": high, "y": hz, "xanchor": "left", "xshift": 3}
         if name != f"{order:g}":
-            place["yanchor"] = "top"
-    return note(name, **place, size=9, bgcolor="white", borderpad=0)
+            place = {"x": high, "y": hz, "xanchor": "right", "xshift": -4}
+            place |= {"yanchor": "top", "bgcolor": "white", "borderpad": 0}
+    return note(name, **place, size=9)
 
 
 MOST = 6  # modes in one picture
 NAMES = 60  # names of disks that have room
+NAME_SIZE = 9  # of their font, pixels
+SHAPE = 76  # pixels of the height of a shape: two sheets of three find room on a page
 
 
 def plot_modes(
@@ -363,10 +370,11 @@ def shapes_figure(
         Axis("", (-0.5, starts[-1] - 1.5), ticks=names),
         [Axis("", (-1.15, 1.15))] * len(chosen),
         traces,
-        height=95,
+        height=SHAPE,
         notes=notes,
     )
-    return replace(spec, top=10, bottom=16 + round(5.4 * max(map(len, names.values()))))
+    longest = max(width_of(name, NAME_SIZE) for name in names.values())
+    return replace(spec, top=10, bottom=16 + round(longest))
 
 
 def mode_nodes(

@@ -7,6 +7,7 @@ from typing import Any
 from jaxhb.report.figures.figure import (
     BAND,
     GAP,
+    LEGEND_SIZE,
     ZERO,
     Axis,
     Band,
@@ -33,7 +34,7 @@ def layout_of(figure: Figure) -> dict[str, Any]:
         "x": int(figure.legend == "right"),
         "y": 1 + 6 / inside,
         "yanchor": "bottom",
-        "font": {"size": 10},
+        "font": {"size": LEGEND_SIZE},
     }
     if figure.legend == "right":
         legend["xanchor"] = "right"

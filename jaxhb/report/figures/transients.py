@@ -38,6 +38,7 @@ MOST_POINTS = 3000  # of a line; of more instants the extremes of windows are dr
 MOST_ORDERS = 5  # that are drawn
 SMALLEST = 0.03  # share of the largest order from which others are drawn
 REVOLUTIONS = 8.0  # of a window of the orders, at least
+HEIGHT = 125  # pixels of the panels over time
 TALL = 190  # pixels of a panel of signals
 
 
@@ -117,7 +118,7 @@ def _over_time(report: TransientReport, shown: _Shown) -> Figure:
     events = f"; events: {', '.join(report.events)}" if report.events else ""
     caption = f"{shown.called} over time, and the speed{events}"
     end = float(run.time[-1])
-    return figure(caption, Axis("time, s", (0.0, end)), panels, traces)
+    return figure(caption, Axis("time, s", (0.0, end)), panels, traces, height=HEIGHT)
 
 
 def _range(values: np.ndarray) -> tuple[float, float]:

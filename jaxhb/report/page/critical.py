@@ -32,7 +32,7 @@ is left out.
 """
 
 FEWEST = 3  # critical speeds that are shown, however small they are
-NODES = 3  # links that are named as places of nodes
+NODES = 2  # links that are named as places of nodes
 HOLZER_DISKS = 60  # disks of a train that has Holzer's tables
 HOLZER_MODES = 2  # of the modes with critical speeds
 
@@ -97,12 +97,11 @@ def critical_table(
         shown,
         marked=[place for place, each in enumerate(shown) if each.share > 1],
     )
-    of_what = "its limit" if judged else "the largest torque"
-    left_out = (
-        f"{len(passages) - len(shown)} more have less than {100 * LEAST:g} %"
-        f" of {of_what}: left out."
-    )
-    return [table, *[left_out] * (len(shown) < len(passages))]
+    of_what = "the limit" if judged else "the largest torque"
+    count = len(passages) - len(shown)
+    more = "more critical speed stays" if count == 1 else "more critical speeds stay"
+    left_out = f"{count} {more} below {100 * LEAST:g} % of {of_what}: left out."
+    return [table, *[left_out] * bool(count)]
 
 
 def _columns(

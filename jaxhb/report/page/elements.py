@@ -11,8 +11,10 @@ import numpy as np
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.report import quantities
 from jaxhb.report.figures.figure import (
+    UNCONFIRMED,
     Axis,
     Figure,
+    Trace,
     crosses,
     figure,
     line,
@@ -34,6 +36,9 @@ HEIGHT = 100
 WIDTH = 334
 BELOW = 38
 BESIDE = 8
+SMALLER = 0.6  # of the size of marks of lines and rings
+NAMES = {UNCONFIRMED: "ringed: unconfirmed"}  # short ones, of which two have room
+RING = 14  # pixels of marks from which they are rings
 INSTEAD = ("stresses", "tooth_torques")
 """Kinds of limits whose figure stands for that of the torque of an element."""
 
@@ -189,10 +194,10 @@ def _small(large: Figure, called: str = "") -> Figure:
     """Make a figure small, so that two stand side by side; legends leave out what was
     ``called`` in the caption.
     """
-    traces = [
-        trace | {"name": trace["name"].removeprefix(f"{called}, ")}
-        for trace in large.traces
-    ]
+    traces = []
+    for trace in large.traces:
+        name = trace["name"].removeprefix(f"{called}, ")
+        traces.append(trace | {"name": NAMES.get(name, name)})
     # The caption tells the quantity; a long title would be broken.
     units = [
         dataclasses.replace(axis, title=axis.title.rpartition(", ")[2])
@@ -201,12 +206,20 @@ def _small(large: Figure, called: str = "") -> Figure:
     return dataclasses.replace(
         large,
         panels=units,
-        traces=traces,
+        traces=[_with_small_marks(trace) for trace in traces],
         height=HEIGHT,
         width=WIDTH,
         bottom=BELOW,
         right=BESIDE,
     )
+
+
+def _with_small_marks(trace: Trace) -> Trace:
+    """Make the marks of a line smaller, those of single points stay."""
+    marker = trace.get("marker", {})
+    if "size" not in marker or trace["mode"] == "markers" and marker["size"] < RING:
+        return trace
+    return trace | {"marker": marker | {"size": SMALLER * marker["size"]}}
 
 
 def _torque(report: Report, seat: Seat) -> Figure:

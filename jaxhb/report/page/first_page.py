@@ -21,7 +21,6 @@ from jaxhb.report.text.strength import (
     AID,
     ENOUGH,
     LIMITED,
-    Limited,
     Share,
     largest_shares,
     rule_notes,
@@ -81,7 +80,7 @@ def result(report: Report) -> list[Block]:
     if report.has_backlash or _unanswered(report.cases):
         blocks.append(
             " ".join(
-                f"{case.title}: {motion_sentences(case.answers)[0]}"
+                f"With {case.title}: {motion_sentences(case.answers)[0]}"
                 for case in report.shown
             )
         )
@@ -257,19 +256,36 @@ def _barred_ranges(strengths: Mapping[str, Strength]) -> dict[str, list[Range]]:
     ranges: dict[str, list[Range]] = {}
     for strength in strengths.values():
         for name, barred in strength.barred.items() if len(strength.rpm) > 1 else ():
-            bands = [(float(band.low), float(band.high)) for band in barred]
+            bands = [(float(band.bar_low), float(band.bar_high)) for band in barred]
             if bands:
                 ranges.setdefault(name, []).extend(bands)
     return {name: _joined(bands) for name, bands in ranges.items()}
 
 
 def _barred(strengths: Mapping[str, Strength]) -> list[str]:
-    """Name the barred ranges of all cases together, in a sentence in a list."""
-    texts = [
-        f"{name} {', '.join(f'{low:.4g} to {high:.4g}' for low, high in bands)}"
-        for name, bands in _barred_ranges(strengths).items()
-    ]
-    return [f"Barred speed ranges, rpm: {'; '.join(texts)}."] if texts else []
+    """Tell the speeds that are to be barred, of all cases and shafts together, with the
+    shafts that ask for each range, in a sentence in a list.
+    """
+    ranges = _barred_ranges(strengths)
+    texts = []
+    for low, high in _joined(band for bands in ranges.values() for band in bands):
+        names = [
+            name
+            for name, bands in ranges.items()
+            if any(low <= band[0] <= high for band in bands)
+        ]
+        texts.append(f"{low:.4g} to {high:.4g} rpm, by {_some(names)}")
+    return [f"Barred speed ranges: {'; '.join(texts)}."] if texts else []
+
+
+def _some(names: Sequence[str]) -> str:
+    """Name a few of many elements.
+
+    >>> _some(["a", "b"])
+    'a, b'
+    """
+    more = f" and {len(names) - REASONS} more" if len(names) > REASONS else ""
+    return f"{', '.join(names[:REASONS])}{more}"
 
 
 def _joined(bands: Iterable[Range]) -> list[Range]:
@@ -324,7 +340,7 @@ def compliance(report: Report) -> list[Block]:
         (
             name,
             share.kind.called,
-            rule_of(strength, key, share.kind, name),
+            rule_of(strength, key, name),
             _share(share.share),
             f"{share.rpm:g}",
             share.case,
@@ -350,14 +366,14 @@ def compliance(report: Report) -> list[Block]:
     return [table, *map(flowing, rule_notes(strength)), *_without_limit(report, shares)]
 
 
-def rule_of(strength: Strength, key: str, kind: Limited, name: str) -> str:
-    """Name the rule by which an element is judged."""
+def rule_of(strength: Strength, key: str, name: str) -> str:
+    """Name the rule by which an element is judged: of stresses that of the shaft, of
+    other numbers what :data:`LIMITED` calls their limit.
+    """
     if key == "stresses" and name in strength.rules:
         rule = strength.known[strength.rules[name]]
         return rule.title or rule.name
-    if kind.limit == "limit":
-        return "limit of the scene"
-    return kind.limit
+    return LIMITED[key].rule
 
 
 def _statement(share: Share, barred: bool, late: bool) -> str:
@@ -378,9 +394,19 @@ def _without_limit(report: Report, shares: Iterable[tuple[str, str]]) -> list[st
     links = [name for name in topology.link_names if name not in judged]
     if not links:
         return []
-    named = ", ".join(links[:REASONS])
-    more = f" and {len(links) - REASONS} more" if len(links) > REASONS else ""
-    return [f"NOT judged, as the scene gives no limit: {named}{more}."]
+    return [f"NOT judged, as the scene gives no limit: {_some(links)}."]
+
+
+def _largest_of(quantity: Quantity) -> str:
+    """Name the largest number of a quantity.
+
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> _largest_of(quantities.main_quantity(train))
+    'largest torque of shafts and dampers, half peak-to-peak,'
+    """
+    title = f"largest {quantity.small_title.removeprefix('largest ')}"
+    return f"{title}," if "," in title else title
 
 
 def operating_modes(report: Report) -> list[Block]:
@@ -402,11 +428,11 @@ def operating_modes(report: Report) -> list[Block]:
             speeds = f"{min(report.rpm):g} to {max(report.rpm):g}"
         rows.append([case.title, speeds, f"{answered} of {len(report.rpm)}", *cells])
     table = Table(
-        f"Operating modes; {quantity.small_title} over the speeds, {quantity.unit}",
+        f"Operating modes; {_largest_of(quantity)} over the speeds, {quantity.unit}",
         [
             "case",
             "speeds rpm",
-            "answered",
+            "with a result",
             Column(quantity.unit, "number"),
             "at rpm",
             Column("in", left=True),

@@ -2,6 +2,7 @@
 bounds, notes.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import governing_table
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, plain_number
-from jaxhb.report.text.sentences import notes, warnings
+from jaxhb.report.text.sentences import notes, speeds_text
 from jaxhb.report.text.strength import (
     AID,
     LIMITED,
@@ -24,6 +25,7 @@ from jaxhb.report.text.strength import (
     rule_notes,
     strength_text,
 )
+from jaxhb.results.status import Status
 from jaxhb.train.checks.plausible import plausibility
 
 ROUNDING = 1e-9  # share of the power that is lost by rounding
@@ -56,11 +58,6 @@ def accuracy(report: Report) -> list[Block]:
         if answer.certificate is not None:
             text, *more = certificate_parts(answer, answer.certificate)
             blocks += [f"{answer.rpm:g} rpm, {case.title}. {flowing(text)}", *more]
-    if not blocks[1:]:
-        blocks.append(
-            "No computed bound was asked for: --certify adds one at the speed that is"
-            " shown in full."
-        )
     return blocks
 
 
@@ -111,14 +108,67 @@ def _accuracy(answers: Sequence[Answer]) -> list[str]:
 
 def notes_of(report: Report) -> list[Block]:
     """List what to be careful about, and speeds without an answer."""
-    sentences: list[Block] = [
-        f"{case.title}: {sentence}"
+    sentences = [
+        sentence
         for case in [*report.cases, *report.seconds]
-        for sentence in warnings(case.answers)
+        for sentence in _without_result(case)
     ]
     sentences += plausibility(report.train)
     sentences += notes(*(answer for case in report.cases for answer in case.answers))
-    return sentences
+    return [for_readers(sentence) for sentence in sentences]
+
+
+def _without_result(case: Case) -> list[str]:
+    """Say at which speeds a case has no result and why, once for those that fail alike,
+    in sentences.
+    """
+    alike: dict[str, list[Answer]] = {}
+    for answer in case.answers:
+        if answer.answered:
+            continue
+        reason = f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
+        if answer.status is Status.TOLERANCE_NOT_MET:
+            reason = (
+                f"the motion was found, but {answer.harmonics} harmonics are too few"
+                " for the accuracy asked for"
+            )
+        elif answer.status is not None:
+            reason = answer.status.sentence.partition(": ")[0]
+        alike.setdefault(reason.removesuffix("."), []).append(answer)
+    return [
+        f"No result at {speeds_text(answers)} with {case.title}: {reason}."
+        for reason, answers in alike.items()
+    ]
+
+
+_ADVICE = r"--\w|jaxhb\b|\w_\w|another tolerance|use more harmonics|smaller transition"
+_ADVICE += "|lower epsilon"
+"""Words of what the user of the program may do, which readers of a report cannot."""
+
+
+def for_readers(note: str) -> str:
+    """Write a note for those who read a report: elements by their names, without what
+    the user of the program may do.
+
+    >>> for_readers("[[cylinder]] 'A1', 'A2': the load is high: give load_over_rpm")
+    'Cylinders A1, A2: the load is high.'
+    >>> for_readers("[[shaft]] 'shaft 2': 3.2e5 Pa are unusual")
+    'shaft 2: 3.2 bar are unusual.'
+    """
+    table = re.match(r"\[\[(\w+)\]\] ", note)
+    if table:
+        names, colon, rest = note[table.end() :].partition(": ")
+        names = names.replace("', '", ", ").strip("'").replace("', …", ", …")
+        several = "s" * (", " in names)
+        kind = f"{table[1].capitalize()}{several} "
+        if names.startswith(table[1]):
+            kind = ""
+        note = f"{kind}{names}{colon}{rest}"
+    note = re.sub(rf" \([^()]*(?:{_ADVICE})[^()]*\)", "", note)
+    clause = r"(?:(?![:;] ).)*"
+    note = re.sub(rf"[:;] {clause}(?:{_ADVICE}){clause}$", "", note)
+    note = re.sub(r"(\d)e5 Pa\b", r"\1 bar", note)
+    return f"{note.rstrip('.')}."
 
 
 SHOWN = 6  # shares of limits in a sentence

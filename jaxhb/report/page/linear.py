@@ -22,8 +22,10 @@ from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.critical import critical_table, modes_that_matter
+from jaxhb.report.page.judgement import for_readers
 from jaxhb.report.page.parts import ROWS, Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
+from jaxhb.report.table import Table
 from jaxhb.report.text.forced import (
     ElementReading,
     WorstMisfire,
@@ -61,7 +63,7 @@ def modes(report: Report) -> list[Block]:
     """Show natural frequencies, and the shapes of the modes that the orders reach."""
     rpm = max(report.rpm)
     train = at_speed(report.train, rpm)
-    remark = f"Stiffness or damping depends on the speed, and is that at {rpm:g} rpm."
+    remark = f"Stiffness and damping that depend on the speed are those at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
@@ -129,8 +131,8 @@ def campbell(report: Report) -> list[Block]:
     names = order_names(report.train)
     left = len(torques) - len(chosen)
     left_out = (
-        f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
-        " the largest of their mode: left out here."
+        f"Left out without a calculation: {left} critical speeds with a modal torque"
+        f" below {100 * NEGLIGIBLE:g} % of the largest of their mode."
     )
     # Of constant trains another part has the natural frequencies.
     first, *parts, last = campbell_parts(main, count, misfires, names)
@@ -138,7 +140,7 @@ def campbell(report: Report) -> list[Block]:
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
         *[first] * report.train.topology.depends_on_speed,
-        *parts,
+        *(part if isinstance(part, Table) else for_readers(part) for part in parts),
         *critical_table(report, main.critical, natural),
         *[last] * (not main.critical),  # it says so
         *[left_out] * bool(left),
@@ -165,7 +167,8 @@ def forced(report: Report) -> list[Block]:
         title: response for title, response in responses.items() if misfiring(title)
     }
     worst = _worst(first, misfires, elements) if len(misfires) > 1 else None
-    remark = f"Linear, teeth in contact, at {SPEED.span(speeds)}."
+    teeth = ", teeth in contact" if report.train.topology.mesh_names else ""
+    remark = f"Linear{teeth}, at {SPEED.span(speeds)}."
     if chosen:
         remark += f" Sums and orders in the figures: {normal}."
         remark += " Lines of a misfire are its half peak-to-peak." if misfires else ""

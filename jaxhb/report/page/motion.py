@@ -3,24 +3,47 @@ at one speed in full, and in a second design.
 """
 
 import dataclasses
+import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxhb.report import quantities
-from jaxhb.report.answer import UNCONFIRMED, Case
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
-from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
-from jaxhb.report.page.parts import Block, Heading, Report, flowing
+from jaxhb.report.page.judgement import (
+    SECOND_LIMITS,
+    for_readers,
+    judged,
+    shares_table,
+)
+from jaxhb.report.page.parts import Block, Heading, Report, flowing, without
 from jaxhb.report.selection import subject_of
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import speed_tables
-from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, hit, percent, ratio
-from jaxhb.report.text.sentences import status_lines, verdict
+from jaxhb.report.text.columns import (
+    DOUBT,
+    NONE,
+    Doubtful,
+    hit,
+    percent,
+    plain_number,
+    ratio,
+)
+from jaxhb.report.text.sentences import (
+    NO_TEETH,
+    motion_text,
+    solution_text,
+    verdict,
+)
 from jaxhb.report.text.sweep_tables import motion_sentences, speed_table, turning_table
+from jaxhb.results.answers import with_gaps
+from jaxhb.results.quantities import VIBRATIONS
+from jaxhb.train.kinematics import speed_ratios
 
 # Elements with a figure of two designs, of a kind: those with the largest numbers
 BESIDE = 4
@@ -36,17 +59,55 @@ def motions(report: Report) -> list[Block]:
     quantity = quantities.main_quantity(report.train)
     blocks: list[Block] = []
     if report.is_linear:
-        return [maxima(quantities.irregularity(report.train), cases)]
+        return [_linear_irregularity(report)]
     blocks += [
-        f"{case.title}: {' '.join(motion_sentences(case.answers))}" for case in cases
+        f"With {case.title}: {' '.join(motion_sentences(case.answers))}"
+        for case in cases
     ]
     if len(report.rpm) > 1:
         caption = f"{quantity.title} of all, {quantity.unit}, and the kind of motion"
         blocks.append(over_speed(quantity, [""], cases, caption))
-    blocks += [speed_table(c.answers, f"Speed by speed, {c.title}") for c in cases]
+    for case in cases:
+        by_speed = speed_table(case.answers, f"Speed by speed, {case.title}")
+        blocks.append(without(by_speed, ["harmonics"], len(case.answers)))
     for case in cases:
         blocks += turning_table(case.answers, f", {case.title}")
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
+
+
+def _linear_irregularity(report: Report) -> Table:
+    """Make the table of the largest cyclic irregularity of a linear train, at the
+    speeds of its forced response.
+    """
+    quantity = quantities.irregularity(report.train)
+    topology = report.train.topology
+    ratios = np.abs(np.asarray(speed_ratios(report.train)))
+    columns: list[Column | str] = [quantity.element]
+    for case in report.shown:
+        columns += [
+            Column(quantity.placeholder, case.title, unit="1", group=case.title),
+            Column("at rpm", group=case.title),
+        ]
+    rows = []
+    for name in quantity.names:
+        ratio_of_disk = ratios[topology.rotor[topology.disk_names.index(name)]]
+        cells: list[Any] = [name]
+        for case in report.shown:
+            response = with_gaps(report.responses[case.title])
+            swing = VIBRATIONS["speed"].read(response, name).half_peak_to_peak
+            mean = ratio_of_disk * np.asarray(response.rpm) * np.pi / 30
+            shares = 2 * np.asarray(swing, float) / mean
+            if not np.isfinite(shares).any():
+                cells += [np.nan, NONE]
+                continue
+            place = int(np.nanargmax(shares))
+            cells += [float(shares[place]), f"{response.rpm[place]:g}"]
+        rows.append(cells)
+    return Table(
+        f"{quantity.title}: largest over the speeds, {quantity.placeholder}",
+        columns,
+        rows,
+    )
 
 
 def forces_over_speed(report: Report) -> list[Block]:
@@ -137,8 +198,9 @@ def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
     marked = any(isinstance(cell, Doubtful) for row in rows for cell in row)
     remark = ", with and without backlash" if backlash else ""
     remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
+    begin = "" if quantity.title.startswith("Largest") else ", largest"
     return Table(
-        f"{quantity.title} over the speeds, {quantity.placeholder}{remark}",
+        f"{quantity.title}{begin} over the speeds, {quantity.placeholder}{remark}",
         columns,
         rows,
     )
@@ -197,7 +259,7 @@ def one_speed(report: Report) -> list[Block]:
     )
     blocks: list[Block] = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
-        lines = [f"{line[0].upper()}{line[1:]}." for line in status_lines(answer)]
+        lines = [f"Motion: {motion_text(answer)}.", *_accuracy_line(answer)]
         blocks.append(Heading(f"With {title}"))
         if not report.is_linear:
             blocks.append("\n".join([verdict(answer), *lines]))
@@ -209,6 +271,22 @@ def one_speed(report: Report) -> list[Block]:
     return blocks + (
         [] if report.is_linear else speed_tables(report.shown, report.place)
     )
+
+
+def _accuracy_line(answer: Answer) -> list[str]:
+    """Say how accurate the numbers of a harmonic solution are, in a list; empty of
+    motions that were recorded.
+    """
+    response = answer.response
+    if response is None:
+        return []
+    if not answer.converged:
+        return [f"{solution_text(answer)}."]
+    error = 100 * float(response.truncation_error)
+    return [
+        f"Error of the tooth forces, as estimated: {plain_number(error, 2)} % of the"
+        f" largest, with {answer.harmonics} harmonics."
+    ]
 
 
 def second_design(report: Report) -> list[Block]:
@@ -262,6 +340,19 @@ def _beside(cases: Sequence[Case], most: int) -> list[Block]:
 
 def transient(report: Report) -> list[Block]:
     """Show a transient where one was asked for."""
-    return [
-        flowing(block) if type(block) is str else block for block in report.transient
-    ]
+    blocks: list[Block] = []
+    for block in report.transient:
+        if type(block) is not str:
+            blocks.append(block)
+            continue
+        text = block
+        if not report.train.topology.mesh_names:
+            text = text.removeprefix(NO_TEETH).lstrip()
+        head, _, lines = text.partition("\n  ")
+        if head == "Notes":
+            # Lines of a note that go on are indented further.
+            notes = re.split(r"\n  (?! )", re.sub(r"\n {4}", " ", lines))
+            blocks += [f"{note[0].upper()}{for_readers(note)[1:]}" for note in notes]
+        else:
+            blocks.append(flowing(text))
+    return blocks

@@ -5,6 +5,7 @@ only importer of plotly.
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -98,6 +99,17 @@ class Page:
         which its parts begin, where they are known; scripts, styles and numbers are
         inside, nothing is loaded when it is opened.
         """
+        return self._written(numbers) if numbers else self._unnumbered
+
+    @cached_property
+    def _unnumbered(self) -> bytes:
+        """The page without numbers of pages, which is written, printed and asked for
+        its phrases.
+        """
+        return self._written({})
+
+    def _written(self, numbers: Mapping[str, int]) -> bytes:
+        """Fill the template."""
         from plotly.offline import get_plotlyjs
 
         return (
@@ -121,7 +133,9 @@ class Page:
 
 def as_page(report: Report, phrases: Mapping[str, str] = MappingProxyType({})) -> Page:
     """Make the page of a :class:`Report`, with phrases in the place of English ones."""
-    names = names_of(report.train.topology, [report.description])
+    facts = [text for fact, text in report.facts.items() if fact != "changes"]
+    more = [report.description, report.mode, *facts]
+    names = names_of(report.train.topology, more)
     words = Words(phrases, names)
     return Page(report, parts_of(report, PARTS, words), words)
 
@@ -142,7 +156,7 @@ def parts_of(
         try:
             blocks = gather(report)
             groups = together(list(filter(None, blocks)))
-            texts = ["".join(map(show, group)) for group in groups]
+            texts = [_shown(group, show) for group in groups]
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             reason = f"{kind}{error}"
@@ -161,6 +175,15 @@ def parts_of(
             first = Part(title, texts[0], "".join(rest), blocks, failed)
             parts.append(replace(first, long=is_long(groups[0])))
     return parts
+
+
+def _shown(group: Sequence[Block], show: Callable[[Block], str]) -> str:
+    """Show blocks that stay together, two narrow figures side by side."""
+    narrow = [isinstance(each, Figure) and each.narrow for each in group]
+    begins = narrow.index(True) if True in narrow else len(group)
+    beside = "".join(map(show, group[begins:]))
+    pair = f'<div class="pair">{beside}</div>' if beside else ""
+    return "".join(map(show, group[:begins])) + pair
 
 
 def is_long(group: Sequence[Block]) -> bool:

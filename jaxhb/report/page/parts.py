@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxhb.linear.critical import campbell
 from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.heat import heat_balance
 from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
+from jaxhb.report.figures.linear import counting
 from jaxhb.report.figures.plotly import layout_of
 from jaxhb.report.page.words import Words
-from jaxhb.report.selection import cylinder_of
+from jaxhb.report.selection import cylinder_of, is_linear
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, plain_number
@@ -40,7 +42,9 @@ None shows nothing.
 FULL = 95  # letters of a line of text that goes on in the next
 # Speeds of the linear forced response at least
 SPEEDS = 201
+CAMPBELL_SPEEDS = 33
 ROWS = 150  # rows of a table that are shown
+SHORT = 26  # letters of names that are not broken in a table
 
 
 class Heading(str):
@@ -67,10 +71,11 @@ class Report:
     words and tables on the effects of the tolerances of the scene; transient : words,
     tables and figures of a transient; facts : where the
     page comes from; title, logo : title block, and its picture as an address that holds
-    it; description, scene : the description in the scene, and its text; elements,
-    second_elements : the elements of the scenes of both designs by name, see
-    :func:`jaxhb.scene.writer.elements_of`; files : names of the files that torques and
-    cylinders take their rows from, see :func:`jaxhb.scene.writer.element_files`
+    it; mode : operating mode of the scene; description, scene : the description in the
+    scene, and its text; elements, second_elements : the elements of the scenes of both
+    designs by name, see :func:`jaxhb.scene.writer.elements_of`; files : names of the
+    files that torques and cylinders take their rows from, see
+    :func:`jaxhb.scene.writer.element_files`
     """
 
     cases: list[Case]
@@ -84,6 +89,7 @@ class Report:
     facts: dict[str, str] = field(default_factory=dict)
     title: TitleBlock = field(default_factory=TitleBlock)
     logo: str = ""
+    mode: str = ""
     description: str = ""
     scene: str = ""
     elements: dict[str, Any] = field(default_factory=dict)
@@ -107,21 +113,22 @@ class Report:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the linear forced response is the whole answer: no mesh has backlash
-        or varies, no shaft or damper has stages, stops, clearance or friction.
-        """
-        topology = self.train.topology
-        return not (self.has_backlash or topology.springs or topology.mesh_varies.any())
+        """Whether the linear forced response is the whole answer."""
+        return is_linear(self.train.topology)
 
-    @property
+    @cached_property
     def fine_rpm(self) -> np.ndarray:
-        """Speeds of linear calculations, those of the answers among them: they cost
-        little, and peaks are sharp.
+        """Speeds of linear calculations, those of the answers among them, and the
+        critical speeds that count: they cost little, and peaks are sharp.
         """
         low = min(self.rpm)
         high = max(self.rpm)
         more = np.linspace(low, high, SPEEDS)  # of one speed it is that again
-        return np.unique([*self.rpm, *more])
+        critical = []
+        if high > low:
+            diagram = campbell(self.train, rpm=np.linspace(low, high, CAMPBELL_SPEEDS))
+            critical = [round(float(speed.rpm), 2) for speed in counting(diagram)]
+        return np.unique([*self.rpm, *more, *critical])
 
     @cached_property
     def responses(self) -> dict[str, ForcedResponse]:
@@ -239,10 +246,13 @@ def environment(words: Words | None = None) -> Environment:
     words = words or Words()
     templates.filters |= {
         "left": _words,
+        "short": _short,
+        "unbroken": unbroken,
         "css": _css_text,
         "layout": layout_of,
         "told": words,
         "told_figure": words.figure,
+        "told_drawing": words.drawing,
     }
     kinds = {
         "table": Table,
@@ -269,6 +279,29 @@ def _words(table: Table) -> set[int]:
         for place, column in enumerate(table.columns)
         if any(map(word.search, column))
     }
+
+
+def _short(table: Table) -> set[int]:
+    """Number the columns of words that stay on one line: other columns are narrowed
+    before them.
+    """
+    return {
+        place
+        for place, column in enumerate(table.columns)
+        if max(map(len, column), default=0) <= SHORT
+    }
+
+
+def unbroken(text: str, *, hyphens: bool = False) -> str:
+    """Keep together what a line must not break: units of two words, in heads of
+    columns words with ``hyphens``; elsewhere these stay as people search them.
+
+    >>> unbroken("half p-p, kN m", hyphens=True).split(" ")
+    ['half', 'p\u2011p,', 'kN\xa0m']
+    """
+    if hyphens:
+        text = re.sub(r"(?<=\w)-(?=\w)", "\u2011", text)
+    return re.sub(r"\b([kM]?N) (?=m\b)", "\\1\u00a0", text)
 
 
 def _css_text(text: str) -> str:

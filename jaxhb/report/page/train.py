@@ -3,7 +3,6 @@ versions.
 """
 
 import dataclasses
-import io
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -13,6 +12,7 @@ import numpy as np
 from jaxhb.elements.declared import facts_of, unit_of
 from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_gas_torques, scale_at
+from jaxhb.report.figures.draw import as_svg
 from jaxhb.report.figures.equivalent import equivalent_system
 from jaxhb.report.figures.sketch import MOST, plot_train
 from jaxhb.report.orders import order_names
@@ -32,6 +32,7 @@ from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import charges_of, referred_tables, torque_rows
+from jaxhb.report.units import shown_unit
 from jaxhb.train.drivetrain import DriveTrain
 
 # Units in which engineers read numbers of a scene
@@ -42,8 +43,8 @@ OWN = (
 )  # fields in which cylinders that are told together differ
 SPEEDS = 8  # speeds of a table, of more those that are spread evenly over them
 
-REFERRED = ("speed ratio i", "J i^2", "r i^2", "k i^2", "factor i")
-"""Heads of columns that tell nothing of a train that turns with one speed."""
+UNSAID = {"fires": True, "fires_every": 1}
+"""Facts of a cylinder that go without saying."""
 
 OF_GAS = (
     "cylinder",
@@ -54,9 +55,10 @@ OF_GAS = (
     "largest pressure bar",
     "deg after firing TDC",
     "imep bar",
-    "mean torque N m",
 )
-"""Heads of the table of gas, of which a train without them has not all."""
+"""Heads of the table of gas before the mean torque, of which a train without them has
+not all.
+"""
 
 Value = TypeVar("Value")
 
@@ -66,9 +68,7 @@ def train_data(report: Report) -> list[Block]:
     meshes, excitation and loads of the train.
     """
     drawn = equivalent_system(report.train)
-    of_rotors = REFERRED if len({*report.train.topology.rotor}) == 1 else ()
-    referred = [without(each, of_rotors) for each in referred_tables(report.train)]
-    tables = [*referred, _meshes(report.train)]
+    tables = [*map(without, referred_tables(report.train)), _meshes(report.train)]
     return [
         Heading(drawn.caption),
         *map(Strip, drawn.strips),
@@ -84,11 +84,8 @@ def _sketch(train: DriveTrain) -> list[Block]:
     """
     if not train.topology.mesh_names or train.topology.n_disks > MOST:
         return []
-    content = io.StringIO()
-    # The page has a date of its own.
-    plot_train(train).savefig(content, format="svg", metadata={"Date": None})
     # Inside HTML an SVG has no XML head.
-    _, svg, rest = content.getvalue().partition("<svg")
+    _, svg, rest = as_svg(plot_train(train)).partition("<svg")
     return [Sketch(svg + rest)]
 
 
@@ -111,7 +108,7 @@ def _meshes(train: DriveTrain) -> Table | None:
                 "internal" if topology.mesh_internal[i] else "external",
                 " : ".join(plain_number(radius[disk], 6) for disk in ends),
                 " : ".join(map(str, teeth)) if all(teeth) else NONE,
-                *law,
+                *(float(f"{value:.4g}") for value in law),
                 topology.mesh_damping_law[i],
             ]
         )
@@ -176,9 +173,11 @@ def _columns_of(report: Report, kind: str) -> dict[str, dict[str, str]]:
     ):
         facts = facts_of(report.elements[name])
         for key, (value, field) in facts.items():
-            if value not in (None, "", ()) and not value == 0 == field.default:
+            said = value not in (None, "", ()) and not value == 0 == field.default
+            if said and UNSAID.get(key) != value:
                 factor, unit = UNITS.get(unit_of(field), (1.0, unit_of(field)))
-                head = f"{key.replace('_', ' ')} {unit}".rstrip()
+                words = key.replace("_", " ").replace(".", ": ")
+                head = f"{words} {unit}".rstrip()
                 columns[head][name] = _cell(value, field, factor, files.get(key))
         for key in files.keys() - facts.keys():
             columns[f"files of {key}"][name] = files[key]
@@ -234,8 +233,8 @@ def _cylinders(
             "Cylinders", rows, ["cylinder", "disk", "firing angle deg", "numbers as of"]
         ),
         table(
-            "Numbers of the cylinders; combustion counts from firing top dead centre,"
-            " rows are in SI units and deg",
+            "Numbers of the cylinders; angles of the combustion count from firing top"
+            " dead centre, rows are in SI units and deg",
             numbers,
             ["", *different],
         ),
@@ -268,6 +267,8 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
     rows: list[dict[str, Any]] = []
     charges = charges_of(report.train, rpm)
     means = mean_gas_torques(cylinders, topology.cylinders, speeds)
+    factor, unit = shown_unit("N m", float(np.max(np.abs(means), initial=0.0)))
+    mean_torque = f"mean torque {unit}"
     for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
         name = topology.cylinder_names[i]
         turns = topology.cylinders.revolutions[i]
@@ -297,13 +298,14 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
                     "deg after firing TDC": f"{angle:.1f}",
                     "imep bar": imep,
                 }
-            rows.append(row | {"mean torque N m": means[k, i]})
-    heads = [head for head in OF_GAS if any(head in row for row in rows)]
-    remark = "; load: share of the mean effective pressure at full load" * (
+            rows.append(row | {mean_torque: factor * means[k, i]})
+    heads = [*OF_GAS, mean_torque]
+    heads = [head for head in heads if any(head in row for row in rows)]
+    remark = "; load: mean effective pressure over that at full load" * (
         "load" in heads
     )
     return table(
-        f"Gas over the speed, of cylinders with the same numbers the first{remark}",
+        f"Gas over the speed; of equal cylinders the first stands for all{remark}",
         [[row.get(head, NONE) for head in heads] for row in rows],
         heads,
         digits=4,
@@ -319,7 +321,10 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
     rows = [row for row in rows if first.get(row[0], row[0]) == row[0]]
     if not rows:
         return None
-    texts = alike(*(means for _, _, means in rows))
+    largest = max(max(map(abs, means)) for _, _, means in rows)
+    factor, unit = shown_unit("N m", largest)
+    # Torques of a cylinder and of a propeller may differ by a factor of a hundred.
+    texts = [alike([factor * mean for mean in means])[0] for _, _, means in rows]
     table_rows = [
         [name, disk, *means] for (name, disk, _), means in zip(rows, texts, strict=True)
     ]
@@ -327,8 +332,8 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
         loads = [plain_number(float(answer.balance.load_kW)) for answer in answers]
         table_rows.append(["power of the loads, kW", NONE, *loads])
     return Table(
-        "Mean torques over the speed, N m on the disk's own shaft (positive: drives),"
-        " of cylinders alike the first",
+        f"Mean torques over the speed, {unit} (positive: drives); of equal cylinders"
+        " the first stands for all",
         ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)],
         table_rows,
     )
@@ -417,8 +422,11 @@ def assumptions(report: Report) -> list[Block]:
     """Say what holds for every number of the page, and where it comes from."""
     template = environment().get_template("assumptions.txt")
     text = template.render(report=report, means=mean_angles_of)
+    facts = dict(report.facts)
+    if report.is_linear:
+        facts.pop("accuracy", None)  # of harmonic balance, which has no part in it
     return [
         *filter(None, text.splitlines()),
         *linear_accuracy(report),
-        Table("Where this page comes from", ["", ""], report.facts.items()),
+        Table("Where this page comes from", ["", ""], facts.items()),
     ]

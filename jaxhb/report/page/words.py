@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape, unescape
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,18 @@ class Words:
             panels=[replace(axis, title=self(axis.title)) for axis in drawn.panels],
             traces=traces,
             notes=[each | {"text": self(each["text"])} for each in drawn.notes],
+        )
+
+    def drawing(self, svg: str) -> str:
+        """Replace the phrases of the texts of an SVG, but for lines of names.
+
+        >>> Words({"disk": "Scheibe"}).drawing("<text>disk &amp; more</text>")
+        '<text>Scheibe &amp; more</text>'
+        """
+        return re.sub(
+            r'(<text(?![^>]* class="name")[^>]*>)([^<]+)',
+            lambda text: text[1] + escape(self(unescape(text[2])), quote=False),
+            svg,
         )
 
     def _texts(self, trace: Mapping[str, Any]) -> dict[str, list[str]]:

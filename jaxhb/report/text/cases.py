@@ -16,7 +16,7 @@ from jaxhb.report.quantities import (
     number,
     number_for_people,
 )
-from jaxhb.report.selection import cylinder_of, train_name
+from jaxhb.report.selection import cylinder_of, is_linear, train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import (
@@ -344,7 +344,10 @@ def cases_text(cases: Sequence[Case]) -> str:
         lines = [f"==== {first.rpm:g} rpm ===="]
         for case in cases:
             answer = case.answers[place]
-            of_case = [*status_lines(answer), balance_line(answer.balance)]
+            # A linear train has one motion, and nothing of it is approximated.
+            exact = is_linear(answer.topology) and answer.answered
+            of_case = [] if exact else status_lines(answer)
+            of_case.append(balance_line(answer.balance))
             lines += [f"  {case.title}", *(f"    {line}" for line in of_case if line)]
         parts += ["\n".join(lines), *speed_tables(cases, place)]
     for case in cases:
@@ -384,11 +387,13 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
 
     def swings(quantity: Quantity) -> Table:
         variable = quantity.variable
-        columns = [
-            _of("with", variable),
-            _of("without", f"{variable}{WITHOUT}"),
-            _against("ratio", variable),
-        ]
+        columns = [_of(quantity.placeholder, variable)]
+        if not is_linear(train.topology):
+            columns = [
+                _of("with", variable),
+                _of("without", f"{variable}{WITHOUT}"),
+                _against("ratio", variable),
+            ]
         return table(f"{quantity.title}, {quantity.placeholder}", quantity, columns)
 
     tables = []

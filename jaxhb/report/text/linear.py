@@ -29,7 +29,7 @@ from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
 from jaxhb.report.files.output import Sheet
 from jaxhb.report.orders import OrderNames
 from jaxhb.report.table import Column, Table
-from jaxhb.report.text.columns import NONE, fixed, percent, plain_number
+from jaxhb.report.text.columns import NONE, ROUNDING, fixed, percent, plain_number
 from jaxhb.report.text.strength import AID
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.mesh_parameters import all_meshes
@@ -544,7 +544,7 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
     """One of Holzer's tables, disks in the order of calculation."""
     kinetic = table.kinetic_energy.sum()
     inertia, ordinate, torque, torque_sum, stiffness, twist = (
-        [f"{value:#.5g}".rstrip(".") for value in getattr(table, field) + 0.0]
+        [f"{value:#.5g}".rstrip(".") for value in _without_rounding(table, field)]
         for field in HOLZER[:6]
     )
     of_disk, of_link = (
@@ -578,6 +578,17 @@ def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
         [Column(head, left=head == "link") for head in columns],
         zip(*columns.values(), strict=True),
     )
+
+
+def _without_rounding(table: HolzerTable, field: str) -> np.ndarray:
+    """Numbers of a column of Holzer's table, those that are but rounding beside the
+    largest as 0; the last sum is the residual, and stays.
+    """
+    values = np.asarray(getattr(table, field), float)
+    small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
+    if field == "torque_sum":
+        small[-1:] = False
+    return np.where(small, 0.0, values) + 0.0
 
 
 def holzer_record(
@@ -640,9 +651,10 @@ def campbell_parts(
         [k, *(f"{column[k]:.2f}" for column in columns.values()), diagram.kinds[k]]
         for k in shown
     ]
+    others = {diagram.kinds[k] for k in shown} - {ELASTIC}
+    remark = f"; those called {' or '.join(sorted(others))} have no critical speeds"
     modes = Table(
-        "Natural frequencies; rigid modes and those of rings only have no critical"
-        " speeds",
+        f"Natural frequencies{remark * bool(others)}",
         ["mode", *columns, Column("kind", left=True)],
         rows,
     )
@@ -753,8 +765,8 @@ def _left_out(diagram: Campbell, count: int) -> list[str]:
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:
         return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
-    call = f"jaxhb campbell SCENE --rpm {low:g}:{high:g} --modes {crossed} lists all."
-    return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
+    call = f"jaxhb campbell SCENE --rpm {low:g}:{high:g} --modes {crossed} lists all"
+    return [f"{first}. The orders reach {crossed} of them, {top}; {call}."]
 
 
 def campbell_record(

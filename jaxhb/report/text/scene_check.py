@@ -49,6 +49,8 @@ from jaxhb.train.varying import archer_damping, tables_at
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 FEW = 2  # names of cylinders alike that are all told
+LARGE = (1e7, "M"), (1e5, "k")  # largest number of a column from which it has a prefix
+PREFIXES = {"": 1.0, "k": 1e3, "M": 1e6}
 SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
 
 
@@ -67,54 +69,82 @@ def referred_tables(train: DriveTrain) -> list[Table]:
     np.add.at(
         stiffness, np.array(topology.ground_disk, dtype=int), train.grounds.stiffness
     )
-    disks = {
-        "disk": numbers.disks,
-        "speed ratio i": numbers.factor,
-        "J kg m2": numbers.inertia,
-        "J i^2": numbers.inertia_referred,
-    }
-    if damping.any():
-        disks["r N m s/rad"] = damping
-        disks["r i^2"] = damping * numbers.factor**2
-    if stiffness.any():
-        disks["k N m/rad"] = stiffness
-        disks["k i^2"] = stiffness * numbers.factor**2
-    more = ", damping and stiffness to ground" * (len(disks) > 4)
-    tables = [
-        _numbers(
-            f"{topology.title}: inertias{more}, actual and referred to the reference"
-            " rotor",
-            disks,
-        )
-    ]
+    # Of a train that turns with one speed referred values are the actual ones.
+    several = len({*topology.rotor}) > 1
+    disks: dict[str, Any] = {"disk": numbers.disks}
+    if several:
+        disks["speed ratio i"] = numbers.factor
+    disks["J kg m2"] = numbers.inertia
+    if several:
+        disks["J i^2"] = numbers.inertia_referred
+    to_ground = []
+    for quantity, letter, unit, values in (
+        ("damping", "r", "N m s/rad", damping),
+        ("stiffness", "k", "N m/rad", stiffness),
+    ):
+        if values.any():
+            to_ground.append(quantity)
+            scaled, power = _prefixed(values)
+            disks[f"{letter} {power}{unit}"] = scaled
+            if several:
+                disks[f"{letter} i^2"] = scaled * numbers.factor**2
+    more = f", {' and '.join(to_ground)} to ground" if to_ground else ""
+    actual = ", actual and referred to the reference rotor" if several else ""
+    tables = [_numbers(f"{topology.title}: inertias{more}{actual}", disks)]
     if numbers.links:
         kinds = [
             kind
             for kind in ("shaft", "damper", "mesh")
             for _ in topology.names_of(kind)
         ]
-        links = {
-            "link": numbers.links,
-            "": kinds,
-            "factor i": numbers.link_factor,
-            "k N m/rad": numbers.stiffness,
-            "k i^2": numbers.stiffness_referred,
-            "r N m s/rad": numbers.damping,
-            "r i^2": numbers.damping_referred,
-        }
+        links: dict[str, Any] = {"link": numbers.links}
+        if len({*kinds}) > 1:
+            links["kind"] = kinds
+        if several:
+            links["factor i"] = numbers.link_factor
+        torsional = len(numbers.links) - len(topology.mesh_names)
+        of_meshes = []
+        for letter, unit, of_links, of_reference in (
+            ("k", "N m/rad", numbers.stiffness, numbers.stiffness_referred),
+            ("r", "N m s/rad", numbers.damping, numbers.damping_referred),
+        ):
+            scaled, power = _prefixed(of_links[:torsional])
+            of_teeth, power_of_teeth = _prefixed(of_links[torsional:])
+            links[f"{letter} {power}{unit}"] = np.append(scaled, of_teeth)
+            if several:
+                links[f"{letter} i^2"] = np.asarray(of_reference) / PREFIXES[power]
+            of_meshes.append(
+                f"{power_of_teeth}{unit.replace('N m', 'N').replace('rad', 'm')}"
+            )
+        remark = (
+            f"; of meshes in {' and '.join(of_meshes)}, their factor is i x radius in m"
+        )
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
             links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
         tables.append(
             _numbers(
-                "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
-                " factor is i x radius in m",
+                "Stiffness k and damping r of links"
+                + remark * bool(topology.mesh_names),
                 links,
-                left="",
+                left="kind",
             )
         )
     varying = [*_order_table(train, numbers), *_varying_table(train, numbers)]
     return [*tables, *varying, *over_speed]
+
+
+def _prefixed(values: Array) -> tuple[np.ndarray, str]:
+    """Numbers in thousands or millions of their unit where the largest is as large, and
+    the prefix of the unit.
+
+    >>> _prefixed(np.array([2.5e7, 5e6]))
+    (array([25.,  5.]), 'M')
+    """
+    numbers = np.asarray(values, float)
+    largest = float(np.max(np.abs(numbers), initial=0.0))
+    power = next((power for least, power in LARGE if largest >= least), "")
+    return numbers / PREFIXES[power], power
 
 
 def at_own_speed(train: DriveTrain) -> DriveTrain:

@@ -25,6 +25,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.omission import not_firing
 
 SOFT = 0.005  # approach speed of impacts, m/s, below which no teeth hammer
+NO_TEETH = "No teeth mesh in this train."
 LOST = 1e-3  # share of the power of the torques that may be lost without a note
 
 _VALUE = re.compile(
@@ -144,7 +145,7 @@ def verdict(answer: Answer) -> str:
     if not answer.known:
         return f"No answer at {speed}."
     if not topology.mesh_names:
-        return "No teeth mesh in this train."
+        return NO_TEETH
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     sentence = _hammering(answer, speed)

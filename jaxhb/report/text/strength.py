@@ -64,6 +64,18 @@ class Limited:
         return next(iter(self.limits.values()))
 
     @property
+    def rule(self) -> str:
+        """Name of the rule where no publication has one: that of the limit, a plain
+        limit is one of the scene.
+        """
+        return "limit of the scene" if self.plain else self.limit
+
+    @property
+    def plain(self) -> bool:
+        """Whether the first limit has no name but that of the number that it bounds."""
+        return self.limit in self.heads
+
+    @property
     def shown(self) -> tuple[float, str]:
         """Factor from the SI unit, and the unit for people."""
         return shown_unit(self.si_unit)
@@ -216,7 +228,7 @@ class Share:
     def said(self) -> str:
         """The limit in a sentence: ``the continuous limit``."""
         limit = self.kind.limit
-        if limit == "limit":
+        if self.kind.plain:
             return "its limit"
         return limit if limit.startswith("a ") else f"the {limit}"
 
@@ -335,6 +347,7 @@ def _table(strength: Strength, kind: str) -> Table:
         for head, _ in limited.heads.values()
     ]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
+    reverses = kind == "tooth_torques"
     return Table(
         f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title,
         [
@@ -346,7 +359,14 @@ def _table(strength: Strength, kind: str) -> Table:
             *["reverses"] * (kind == "tooth_torques"),
         ],
         rows,
+        marked=[place for place, row in enumerate(rows) if _above(row[-1 - reverses])],
     )
+
+
+def _above(share: tuple[float, float]) -> bool:
+    """Whether a number is above its limit; not where there is none."""
+    value, limit = share
+    return value > limit
 
 
 def _where(rpm: np.ndarray, happens: np.ndarray) -> str:
@@ -366,11 +386,8 @@ def _barred_text(strength: Strength, rule_name: str) -> str:
         if shaft_rule == rule_name
     }
     rule = strength.known[rule_name]
-    barred = [
-        (name, barred_range)
-        for name in limited
-        for barred_range in strength.barred[name]
-    ]
+    ranges = strength.barred  # they are found anew each time
+    barred = [(name, each) for name in limited for each in ranges[name]]
     after = "" if rule.default else f" after {rule.name}"
     share = rule.highest
     reach = strength.judged[rule_name]

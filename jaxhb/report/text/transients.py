@@ -14,7 +14,7 @@ from jaxhb._shown import number
 from jaxhb.report.selection import train_name
 from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, hit, plain_number, ratio
-from jaxhb.report.text.sentences import firing_lines, remarks_text
+from jaxhb.report.text.sentences import NO_TEETH, firing_lines, remarks_text
 from jaxhb.report.text.strength import AID, LIMITED, range_text
 from jaxhb.report.transients import (
     BARRED_SPEEDS,
@@ -45,7 +45,7 @@ def transient_verdict(report: TransientReport) -> str:
     """Say in one sentence whether teeth part or hit."""
     topology = report.topology
     if not topology.mesh_names:
-        return "No teeth mesh in this train."
+        return NO_TEETH
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     contacts = {name: report.run.mesh(name) for name in topology.mesh_names}
@@ -147,7 +147,7 @@ def _tables(report: TransientReport) -> Iterator[Table]:
             Column("reverse s", _seconds, lambda row: row.contact.reverse_contact),
             Column("impacts", str, lambda row: row.contact.impacts),
             Column("hardest m/s", hit, lambda row: row.contact.hardest_impact),
-            Column("first at s", _seconds, lambda row: _first(row.contact)),
+            Column("first at s", _instant, lambda row: _first(row.contact)),
         ]
         shown = contact if any(topology.mesh_backlash) else []
         caption = "Tooth force, {N} (positive on the flank that drives)"
@@ -171,6 +171,11 @@ def _tables(report: TransientReport) -> Iterator[Table]:
 def _seconds(value: float) -> str:
     """Write seconds; a dash where nothing happens."""
     return number(value) if math.isfinite(value) and value > 0 else NONE
+
+
+def _instant(value: float) -> str:
+    """Write an instant, the begin too; a dash where nothing happens."""
+    return number(value) if math.isfinite(value) else NONE
 
 
 def _first(contact: ToothContact) -> float:
