@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
@@ -502,7 +503,7 @@ class Strength:
         kinds = ("stresses", "tooth_torques", *LIMITS)
         return any(getattr(self, kind) for kind in kinds)
 
-    @property
+    @cached_property
     def barred(self) -> dict[str, tuple[BarredRange, ...]]:
         """Barred speed ranges of every shaft with limits, see
         :func:`jaxhb.barred_ranges`; of several speeds.

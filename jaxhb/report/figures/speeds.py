@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb.linear.forced import ForcedResponse
-from jaxhb.linear.strength import (
-    BarredRange,
-    Strength,
-    strength,
-    stress_limits,
-    train_of,
-)
+from jaxhb.linear.strength import Strength, strength, stress_limits, train_of
 from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
@@ -511,14 +505,6 @@ def judged_elements(
     return chosen
 
 
-def _barred(judged: Strength, name: str) -> Sequence[BarredRange]:
-    """Find the barred ranges of one shaft alone: of all they would be found anew for
-    every figure.
-    """
-    rows = {name: judged.stresses[name]}
-    return dataclasses.replace(judged, stresses=rows).barred.get(name, ())
-
-
 def limit_figure(
     judged: Mapping[str, Strength], key: str, name: str, train: DriveTrain
 ) -> Figure:
@@ -564,7 +550,7 @@ def limit_figure(
             )
     traces += rings(doubtful)
     barred = (
-        [band for case in judged.values() for band in _barred(case, name)]
+        [band for case in judged.values() for band in case.barred.get(name, ())]
         if key == "stresses"
         else []
     )

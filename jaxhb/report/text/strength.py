@@ -386,8 +386,7 @@ def _barred_text(strength: Strength, rule_name: str) -> str:
         if shaft_rule == rule_name
     }
     rule = strength.known[rule_name]
-    ranges = strength.barred  # they are found anew each time
-    barred = [(name, each) for name in limited for each in ranges[name]]
+    barred = [(name, each) for name in limited for each in strength.barred[name]]
     after = "" if rule.default else f" after {rule.name}"
     share = rule.highest
     reach = strength.judged[rule_name]
