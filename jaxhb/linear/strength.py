@@ -252,8 +252,9 @@ def barred_ranges(
     values = values[:, counted]
     speed, stress, continuous, transient = rows[:, counted]
     excess = stress - continuous
-    share = stress / continuous
-    transient_share = stress / transient
+    share = share_of_limit(stress, continuous)
+    transient_share = share_of_limit(stress, transient)
+    sizes = share_of_limit(values[1], values[2])
     last = len(counted) - 1
 
     def bound(inside: int, outside: int) -> Array:
@@ -266,7 +267,7 @@ def barred_ranges(
         return speed[i] + (speed[j] - speed[i]) * excess[i] / (excess[i] - excess[j])
 
     def barred(first: int, end: int) -> BarredRange:
-        worst = first + int(np.argmax((values[1] / values[2])[first:end]))
+        worst = first + int(np.argmax(sizes[first:end]))
         return BarredRange(
             low=number(bound(first, first - 1)),
             high=number(bound(end - 1, end)),
@@ -283,6 +284,13 @@ def barred_ranges(
     return tuple(
         barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True)
     )
+
+
+def share_of_limit(stress: Array, limit: Array) -> Array:
+    """Stress over its limit ``(...)``, infinite where no stress is permitted."""
+    xp = namespace(stress, limit)
+    permitted = limit > 0.0
+    return xp.where(permitted, stress / xp.where(permitted, limit, 1.0), math.inf)
 
 
 def _rows(xp: ModuleType, columns: tuple[Array, ...]) -> Array:

@@ -155,7 +155,7 @@ def checked(
     except SceneError as error:
         errors += [f"{source}, [scene]: rules: {text}" for text in error.sentences]
         chosen = Chosen()
-    errors += checks.shaft_rule_errors(parts, chosen)
+    errors += checks.shaft_rule_errors(parts, chosen, rated_rpm)
     errors += checks.operating_errors(source, operating_rpm, chosen.names)
     numbers = {
         "revolutions_per_cycle": cycle,

@@ -33,6 +33,7 @@ DEGREE = 3  # of the even rotation over time in a block
 MOST_STEPS = 20  # until the even rotation stays
 STAYS = 1e-12  # rad
 FEWEST_CYCLES = 2
+OFF_MARK = 0.01  # share of a cycle that may be missing from mark to mark
 BETWEEN = 0.95  # of the highest order that samples can tell: the last ones are noise
 QUANTITIES = ("angle", "speed", "acceleration")
 
@@ -148,6 +149,9 @@ def measured_orders(
     refuse_tracers("measured_orders", time, angle, speed, marks)
     record = _Record.of(time, angle, speed, pulses)
     turns = float(revolutions_per_cycle)
+    for name, value in (("revolutions_per_cycle", turns), ("highest", highest)):
+        if not 0 < value < math.inf:
+            raise SceneError(f"{name} is {value:g}, must be greater than 0.")
     orders = np.arange(1, math.floor(highest * turns + 1e-9) + 1) / turns
     _check(record, orders, cycles, turns, step_rpm)
     found = []
@@ -156,6 +160,7 @@ def measured_orders(
     count = math.floor((record.alpha[-1] - first) / length + 1e-9)
     places = np.searchsorted(record.alpha, first + length * np.arange(count + 1) - 1e-9)
     told = np.asarray([] if marks is None else marks, dtype=float)
+    _check_marks(record, told, turns)
     for begin, end in zip(places[:-1], places[1:], strict=True):
         block = _Block.fitted(record, slice(begin, end), orders)
         if block is not None:
@@ -174,7 +179,8 @@ def measured_orders(
             f"no block of {cycles} cycles can be read."
             f" {' '.join(notes) or 'Give a longer record.'}"
         )
-    return _averaged(found, orders, step_rpm, phased, tuple(notes))
+    coherent = phased or record.rate is None
+    return _averaged(found, orders, step_rpm, phased, coherent, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -281,6 +287,21 @@ def _check(
             f"{2 * record.tells:.4g} samples a revolution tell orders up to"
             f" {BETWEEN * record.tells:.3g}, and order {orders[-1]:g} is asked for."
             " Give a lower highest order."
+        )
+
+
+def _check_marks(record: _Record, marks: np.ndarray, turns: float) -> None:
+    """Refuse marks between which the rotor does not turn by a cycle."""
+    inside = marks[(marks >= record.time[0]) & (marks <= record.time[-1])]
+    if len(inside) < 2:
+        return
+    passed = np.interp(inside, record.time, record.alpha) / TURN
+    between = float(np.median(np.diff(passed)))
+    if abs(between - turns) > OFF_MARK * turns:
+        raise SceneError(
+            f"from mark to mark there are {between:.4g} revolutions, must be"
+            f" {turns:g}: a mark comes once per cycle. Correct the number of pulses or"
+            " the scale of the speed, the revolutions of the cycle, or the marks."
         )
 
 
@@ -423,9 +444,12 @@ def _averaged(
     orders: np.ndarray,
     step_rpm: float,
     phased: bool,
+    coherent: bool,
     notes: tuple[str, ...],
 ) -> MeasuredOrders:
-    """Average blocks in windows of the speed."""
+    """Average blocks in windows of the speed: complex amplitudes, or where these are
+    not ``coherent`` the squares of their sizes.
+    """
     speeds = np.array([block.rpm for block in blocks])
     windows = np.rint(speeds / step_rpm)
     chosen = [windows == window for window in np.unique(windows)]
@@ -435,10 +459,17 @@ def _averaged(
         return np.array([values[window].mean(axis=0) for window in chosen])
 
     counts = np.array([window.sum() for window in chosen])
+    if coherent:
+        angle = mean(lambda block: block.c)
+    else:
+        # The integral of a rate drifts: phases of blocks have no common zero. Noise,
+        # of either part, adds to squares.
+        squares = mean(lambda block: np.abs(block.c) ** 2 - 2 * block.noise**2)
+        angle = np.sqrt(np.maximum(squares, 0.0)).astype(complex)
     return MeasuredOrders(
         rpm=mean(lambda block: block.rpm),
         orders=orders,
-        angle=mean(lambda block: block.c),
+        angle=angle,
         noise=np.sqrt(mean(lambda block: block.noise**2) / counts[:, None]),
         blocks=counts,
         phased=phased,
