@@ -268,6 +268,9 @@ def test_files_have_columns_with_units(tmp_path, heads, scale):
         ("time;angle;speed\n0;1;2", "angle and speed are both there"),
         ("time;time\n0;1", "two columns 'time'"),
         ("", "the file is empty"),
+        ("time;angle;mark", "there is no time below its head"),
+        ("time;angle;mark\n0;1;5\n1;2;5", "the column mark has no mark"),
+        ("time;angle;mark [V]\n0;1;5", "Leave out the unit of a level"),
     ],
 )
 def test_files_that_are_no_records_are_refused(tmp_path, text, sentence):
