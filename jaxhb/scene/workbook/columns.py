@@ -24,6 +24,9 @@ _FREE = {"name": "name", "of": "name"}
 _FREE |= dict.fromkeys(("together", "without", "events", "files"), "list")
 """Kinds of keys of tables that have no declared fields; others hold anything."""
 
+NUMBERS = ("number", "count", "shorthand", "numbers")
+"""Kinds of columns of numbers."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -57,6 +60,11 @@ class Column:
     def required(self) -> bool:
         """Whether every row needs a value."""
         return self.field is not None and self.field.default is dataclasses.MISSING
+
+    @property
+    def takes_units(self) -> bool:
+        """Whether a unit in its head is that of the numbers in its cells."""
+        return self.kind in ("", *NUMBERS) or bool(self.kind == "list" and self.unit)
 
     @property
     def row_columns(self) -> tuple[str, ...]:

@@ -84,7 +84,9 @@ def _of_setting(reader: Reader, path: tuple, rest: str) -> str:
         if keys[:-1] != path:
             continue
         key = str(keys[-1])
-        if shown(key) in text or text.startswith((f"{key} ", f"{key}:")):
+        element, _, field = key.rpartition(".")
+        begins = (f"{key} ", f"{key}:", f"{shown(element)}: {field} ")
+        if shown(key) in text or text.startswith(begins):
             return f"{reader.source}, {inner.text}: {text}"
     place = reader.places.get(path)
     return "" if place is None else f"{reader.source}, {place.text}: {text}"
