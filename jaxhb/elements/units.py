@@ -185,7 +185,7 @@ def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
     if unit == TEMPERATURE:
         return _temperature(number, written)
     if weight and not (written == unit or _fits(written, unit)):
-        written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb)f", r"\1", written))
+        written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb|t)f", r"\1", written))
     scale = factor(written, unit)
     # A quotient of whole numbers is rounded once: 0.2 mm is 0.0002 m.
     parts = round(1 / scale) or 1
@@ -207,6 +207,11 @@ def factor(written: str, unit: str) -> float:
     >>> factor("kN m", "N m"), factor("mm", "m"), factor("1/min", "rpm")
     (1000.0, 0.001, 1.0)
     """
+    if unit == TEMPERATURE:
+        # Other scales have another zero.
+        if _form(written) not in ("c", "degc"):
+            raise UnitError(f"must be in {TEMPERATURE}.")
+        return 1.0
     return 1.0 if written == unit else _factor(written, unit)
 
 
@@ -389,6 +394,8 @@ UNITS_OF_COLUMNS = {
     "imep": "Pa",
     "stress": "Pa",
     "torque": "N m",
+    "mean torque": "N m",
+    "temperature": TEMPERATURE,
     "seconds": "s",
     "decay": "s",
 }
