@@ -224,17 +224,17 @@ def _factor(written: str, unit: str) -> float:
         )
     try:
         scale = _scale(_parsed(written), unit)
-        known = True
+        is_read = True
     except ValueError as error:
         if isinstance(error, UnitError):
             raise
         scale = None
-        known = False
+        is_read = False
     if scale is None:
-        needed = f"in {unit} or a unit like it" if unit else "a number without unit"
+        needs = f"in {unit} or a unit like it" if unit else "a number without unit"
         raise UnitError(
-            f"{'' if known else 'whose unit is not known, '}must be"
-            f" {needed}.{_suggestion(written, unit)}"
+            f"{'' if is_read else 'whose unit is not known, '}must be"
+            f" {needs}.{_suggestion(written, unit)}"
         )
     return scale
 
@@ -409,10 +409,10 @@ def units_of_columns(cls: type, field: dataclasses.Field) -> tuple[str, ...]:
     """Units of the columns of rows, or of the numbers of a list, of a class of
     elements.
     """
-    own = {key: unit_of(other) for key, other in fields_of_class(cls).items()}
+    units = {key: unit_of(other) for key, other in fields_of_class(cls).items()}
     unit = field.metadata.get("unit")
     special = dict.fromkeys(IN_UNIT_OF_ROWS, unit) if unit else {}
-    special |= {key: own[key] for key in ("stiffness", "damping") if key in own}
+    special |= {key: units[key] for key in ("stiffness", "damping") if key in units}
     return tuple(
         special.get(column, UNITS_OF_COLUMNS.get(column, ""))
         for column in field.metadata["columns"]

@@ -128,7 +128,7 @@ def _with_part(
     part = catalogue.get((table, name)) if isinstance(name, str) else None
     if part is None:
         title = f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
-        names = [known for kind, known in catalogue if kind == table]
+        names = [part_name for kind, part_name in catalogue if kind == table]
         advice = suggestion(name, names)
         if not names:
             advice = " Name its file in [parts], files = [...]."

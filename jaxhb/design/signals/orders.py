@@ -154,33 +154,33 @@ def measured_orders(
             raise SceneError(f"{name} is {value:g}, must be greater than 0.")
     orders = np.arange(1, math.floor(highest * turns + 1e-9) + 1) / turns
     _check(record, orders, cycles, turns, step_rpm)
-    found = []
+    blocks = []
     length = cycles * turns * TURN
     first = record.alpha[0]
     count = math.floor((record.alpha[-1] - first) / length + 1e-9)
     places = np.searchsorted(record.alpha, first + length * np.arange(count + 1) - 1e-9)
-    told = np.asarray([] if marks is None else marks, dtype=float)
-    _check_marks(record, told, turns)
+    passages = np.asarray([] if marks is None else marks, dtype=float)
+    _check_marks(record, passages, turns)
     for begin, end in zip(places[:-1], places[1:], strict=True):
         block = _Block.fitted(record, slice(begin, end), orders)
         if block is not None:
-            found.append(block.from_mark(told, mark_deg, turns))
+            blocks.append(block.from_mark(passages, mark_deg, turns))
     notes = [*record.notes]
-    lost = count - len(found)
-    if lost:
-        notes.append(f"{lost} blocks have too few samples and are left out.")
-    phased = len(told) > 0
-    unmarked = [block for block in found if phased and not block.marked]
+    missing = count - len(blocks)
+    if missing:
+        notes.append(f"{missing} blocks have too few samples and are left out.")
+    phased = len(passages) > 0
+    unmarked = [block for block in blocks if phased and not block.marked]
     if unmarked:
         notes.append(f"{len(unmarked)} blocks have no mark and are left out.")
-        found = [block for block in found if block.marked]
-    if not found:
+        blocks = [block for block in blocks if block.marked]
+    if not blocks:
         raise SceneError(
             f"no block of {cycles} cycles can be read."
             f" {' '.join(notes) or 'Give a longer record.'}"
         )
     coherent = phased or record.rate is None
-    return _averaged(found, orders, step_rpm, phased, coherent, tuple(notes))
+    return _averaged(blocks, orders, step_rpm, phased, coherent, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -198,8 +198,8 @@ class _Record:
     @classmethod
     def of(cls, time: Any, angle: Any, speed: Any, pulses: int | None) -> _Record:
         """Check and complete the samples of a record."""
-        given = {"angle": angle, "speed": speed, "pulses": pulses}
-        names = [name for name, value in given.items() if value is not None]
+        values_of = {"angle": angle, "speed": speed, "pulses": pulses}
+        names = [name for name, value in values_of.items() if value is not None]
         if len(names) != 1:
             raise SceneError(
                 f"{' and '.join(names) or 'nothing'} is given beside time, must be one"
@@ -417,12 +417,12 @@ def _fit_rate(
     matrix = np.hstack([powers, -rate * np.sin(phase), -rate * np.cos(phase)])
     solution, left = _least_squares(matrix, record.rate[part])
     c = solution[DEGREE:].reshape(2, -1)
-    found = c[0] + 1j * c[1]
+    amplitudes = c[0] + 1j * c[1]
     # The angle at the middle is that of the integral of the rate.
     turned = polynomial.polyint(solution[:DEGREE] * scale)
-    vibration = (np.exp(1j * phase) @ found).real
+    vibration = (np.exp(1j * phase) @ amplitudes).real
     turned[0] = np.mean(record.alpha[part] - polynomial.polyval(s, turned) - vibration)
-    return turned, found, left
+    return turned, amplitudes, left
 
 
 def _least_squares(

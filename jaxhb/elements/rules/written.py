@@ -228,8 +228,10 @@ def _number(
 ) -> float:
     """Read a share of the rated speed."""
     value = content.get(key, default)
-    if isinstance(value, int | float) and not isinstance(value, bool) and (
-        0 < value < math.inf
+    if (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and (0 < value < math.inf)
     ):
         return float(value)
     faults.add(

@@ -17,9 +17,8 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import turned
 
 ALIKE = 1e-6  # distance of unit vectors up to which two orders have one phase diagram
-MAJOR = (
-    1.0 - 1e-9
-)  # sum over the number of cylinders from which an order is a major one
+# Sum over the number of cylinders from which an order is a major one
+MAJOR = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +109,9 @@ def vector_sums(
         listed = {n for lists in rows for i in firing for n in lists[i]}
         harmonics = np.array(sorted(listed - {0}), dtype=int)
     else:
-        given = np.asarray(orders, dtype=float) * revolutions
-        harmonics = np.round(given).astype(int)
-        odd = [n for n, whole in zip(given, harmonics, strict=True) if n != whole]
+        in_cycles = np.asarray(orders, dtype=float) * revolutions
+        harmonics = np.round(in_cycles).astype(int)
+        odd = [n for n, whole in zip(in_cycles, harmonics, strict=True) if n != whole]
         if odd or (harmonics <= 0).any():
             raise SceneError(
                 f"{where}: orders must be multiples of {1 / revolutions:g} above 0, the"

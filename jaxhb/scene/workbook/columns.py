@@ -47,9 +47,9 @@ class Column:
     def name(self) -> str:
         """The head without its unit."""
         last = self.path[-1]
-        own = (ENDS[last],) if isinstance(last, int) else ()
-        keys = self.path[:-1] if own else self.path
-        return ".".join((*map(str, keys[:-1]), *(own or map(str, keys[-1:]))))
+        end = (ENDS[last],) if isinstance(last, int) else ()
+        keys = self.path[:-1] if end else self.path
+        return ".".join((*map(str, keys[:-1]), *(end or map(str, keys[-1:]))))
 
     @property
     def head(self) -> str:

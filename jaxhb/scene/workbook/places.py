@@ -63,14 +63,14 @@ def _place_of(reader: Reader, path: tuple, text: str) -> Place | None:
     keys = re.match(r"(?:the key ')?(\w+)", text)
     if keys and (*path, keys[1]) in reader.places:
         return reader.places[(*path, keys[1])]
-    own = {
+    inside = {
         inner: place
         for inner, place in reader.places.items()
         if inner[: len(path)] == path and len(inner) > len(path) and inner[-1] != "name"
     }
-    found = re.split(r" (?:Known|Did you mean)\b", text)[0]
-    for quoted in own.values():
-        if isinstance(quoted.value, str) and shown(quoted.value) in found:
+    fault = re.split(r" (?:Known|Did you mean)\b", text)[0]
+    for quoted in inside.values():
+        if isinstance(quoted.value, str) and shown(quoted.value) in fault:
             return quoted
     return reader.places.get(path[:2])
 

@@ -297,7 +297,7 @@ class Reader:
             _Head(Column((name,), "number", unit), k, ())
             for k, (name, unit) in enumerate(zip(names, column.row_units, strict=True))
         ]
-        found = len(self.errors)
+        count = len(self.errors)
         if lines and any(
             isinstance(cell.value, str)
             and isinstance(_number_of(cell), str)
@@ -310,7 +310,7 @@ class Reader:
         else:
             self._tell_further(grid, names)
         missing = [name for name in names if name not in {h.column.name for h in heads}]
-        if missing and len(self.errors) == found:
+        if missing and len(self.errors) == count:
             self._tell(grid.name, "", f"the column {missing[0]!r} is missing. Give it.")
         rows = []
         places = []
@@ -330,7 +330,7 @@ class Reader:
                     path = ("", grid.name, number, head.column.name)
                     row.append(self._cell(grid, cells[head.place], head, path))
             rows.append(row)
-        if len(self.errors) > found:
+        if len(self.errors) > count:
             return Unread(), ()
         return rows, tuple(places)
 
