@@ -138,6 +138,7 @@ def test_what_is_no_formula_is_refused_with_its_column(text, sentence):
         ("accepted_to", "accept_to", "unknown key 'accept_to'. Did you mean"),
         ("C_D =", "C_K =", "the name is taken"),
         ('high = "(18', 'hig = "(18', r"\[barred\] must have the keys low and high"),
+        ("(18 - lambda) * n_c / 16", "0.9 * n_c", "low is 271.2 and high is 270 rpm"),
         ("[[span]]\nlambda = [0.0", "[[spa]]\nlambda = [0.0", "unknown key 'spa'"),
         ("0.8\ncrank", "-1\ncrank", "accepted_to is -1, must be a number greater"),
         ("crankshafts", "year = 1.5\ncrankshafts", "year is 1.5, must be a whole"),

@@ -350,4 +350,16 @@ def _barred(
         _formula(f"[barred], {key}", table[key], list(OF_RANGES), faults)
         for key in ("low", "high")
     )
-    return None if low is None or high is None else partial(barred_range, low, high)
+    if low is None or high is None:
+        return None
+    rated = 1000.0
+    for critical in (0.3 * rated, 0.6 * rated, 0.9 * rated):
+        ends = [float(end) for end in barred_range(low, high, critical, rated)]
+        if not ends[0] <= critical <= ends[1]:
+            faults.add(
+                f"[barred]: of n_c = {critical:g} rpm with n_0 = {rated:g} rpm low is"
+                f" {ends[0]:.4g} and high is {ends[1]:.4g} rpm, must lie below and"
+                " above n_c. Correct the formulas."
+            )
+            return None
+    return partial(barred_range, low, high)
