@@ -21,17 +21,11 @@ from jaxhb.elements.declared import HARMONICS, fields_of, fields_of_class, table
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.excitations import EXCITATIONS
-from jaxhb.elements.rules import RULES
 from jaxhb.elements.rules.chosen import Chosen
 from jaxhb.elements.rules.margins import MARGINS
 from jaxhb.elements.sentences import SceneError, Suggestions, cut, shown, suggestion
 from jaxhb.elements.units import si_value
-from jaxhb.elements.value_checks import (
-    TOGETHER,
-    limit_errors,
-    present_keys,
-    rule_errors,
-)
+from jaxhb.elements.value_checks import TOGETHER, present_keys, rule_errors
 from jaxhb.elements.values import (
     field_errors,
     is_list,
@@ -585,9 +579,9 @@ def size_errors(parts: Parts) -> list[str]:
     return errors
 
 
-def shaft_rule_errors(parts: Parts, chosen: Chosen, rated_rpm: Any) -> list[str]:
-    """Check that the rules of shafts exist, have the numbers that they need and give
-    limits, and mark shafts with a fault in ``parts.bad``.
+def shaft_rule_errors(parts: Parts, chosen: Chosen) -> list[str]:
+    """Check that the rules of shafts exist and have the numbers that they need, and
+    mark shafts with a fault in ``parts.bad``.
     """
     errors = []
     for index, shaft in enumerate(parts.tables["shaft"]):
@@ -599,8 +593,6 @@ def shaft_rule_errors(parts: Parts, chosen: Chosen, rated_rpm: Any) -> list[str]
             texts = [f"there is no rule {shown(name)}.{suggestion(name, chosen.rules)}"]
         else:
             texts = rule_errors(shaft, rule)
-            if not texts and name not in RULES and plain_number(rated_rpm):
-                texts = limit_errors(shaft, rule, rated_rpm)
         if texts:
             parts.bad.add(("shaft", index, "rule"))
             where = parts.where("shaft", index)

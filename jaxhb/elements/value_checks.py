@@ -25,7 +25,7 @@ from jaxhb.elements.elements import (
 from jaxhb.elements.events import event_errors
 from jaxhb.elements.excitations import EXCITATIONS
 from jaxhb.elements.excitations.blades import blade_errors
-from jaxhb.elements.rules import Rule, Section
+from jaxhb.elements.rules import Rule
 from jaxhb.elements.rules.chosen import STRENGTH_KEYS, lacking
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.values import (
@@ -539,45 +539,6 @@ def rule_errors(shaft: Shaft, rule: Rule) -> list[str]:
         if getattr(shaft, key) is not None and (shaft.rule or rule.default)
     ]
     return texts
-
-
-def limit_errors(shaft: Shaft, rule: Rule, rated_rpm: float) -> list[str]:
-    """Check that the limits of a shaft after a rule of a file are numbers: the
-    continuous one greater than 0, the transient one at least 0.
-    """
-    if shaft.tensile_strength is None:
-        return []
-    is_section = shaft.diameter is not None
-    numbers = {
-        "diameter": shaft.diameter if is_section else shaft.outer,
-        "bore": shaft.bore if is_section else shaft.inner,
-        "tensile_strength": shaft.tensile_strength,
-        "stress_concentration": shaft.stress_concentration,
-        "yield_strength": shaft.yield_strength,
-        "nominal_torque": shaft.nominal_torque,
-    }
-    absent = {"bore": 0.0, "yield_strength": 0.0}
-    if not all(value is None or plain_number(value) for value in numbers.values()):
-        return []  # has its sentence
-    sizes = {
-        key: absent.get(key, np.nan) if value is None else value
-        for key, value in numbers.items()
-    }
-    section = Section(rated_rpm=rated_rpm, **sizes)
-    ratio = np.linspace(0.0, rule.highest, 201)[1:]
-    continuous, transient = rule.limits(section, ratio)
-    kinds = (
-        ("continuous", continuous, ~(continuous > 0.0), "greater than"),
-        ("transient", transient, ~(transient >= 0.0), "at least"),
-    )
-    # One limit is often a multiple of the other.
-    return [
-        f"the {kind} limit of {rule.name} is {limit[missing][0]:.4g} Pa at lambda ="
-        f" {ratio[missing][0]:.4g}, must be {words} 0 Pa. Correct its formulas, or the"
-        " numbers of the shaft."
-        for kind, limit, missing, words in kinds
-        if missing.any()
-    ][:1]
 
 
 def _concentration_errors(shaft: Shaft) -> list[str]:

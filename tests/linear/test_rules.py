@@ -206,6 +206,10 @@ def test_limits_that_are_none_are_refused(tmp_path, formula_of_limit, sentence):
     (tmp_path / FILE.name).write_text(text)
     with pytest.raises(SceneError, match=f"continuous limit of inter.* {sentence}"):
         jaxhb.load_scene(path)
+    path.write_text(LINE)
+    rule = File(FILE.name, text)
+    with pytest.raises(SceneError, match=f"continuous limit of inter.* {sentence}"):
+        jaxhb.load_scene(path).with_rules(rule)
 
 
 def test_nothing_is_within_a_limit_of_no_stress():
