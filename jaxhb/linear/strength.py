@@ -474,8 +474,7 @@ class Strength:
     tachometer_tolerance : share of the rated speed by which barred ranges are widened
     not_firing : names of the cylinders without injection or gas torque
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
-    cycles, as no harmonic solution
-        repeats the motion
+        cycles, as no harmonic solution repeats the motion
     """
 
     rpm: Array

@@ -44,10 +44,9 @@ class MeasuredOrders:
     """Orders of a measured rotation: B windows of speed, K orders.
 
     rpm : ``(B,)`` mean speeds; orders : ``(K,)`` per revolution; angle : complex ``(B,
-    K)``, rad, peak amplitude and phase of ``cos(order theta + phase)``; noise : ``(B,
-    K)`` rad, standard deviation of each amplitude from what the orders leave
-    unexplained;
-    blocks : ``(B,)``, how many of them each window has; phased : whether theta is 0 at
+    K)``, rad, peak amplitude and phase of ``cos(order theta + phase)``, of a speed
+    without marks amplitudes alone; noise : ``(B, K)`` rad, standard deviation of each
+    amplitude from what the orders leave unexplained; blocks : ``(B,)``, how many of them each window has; phased : whether theta is 0 at
     a mark, so that phases mean something; notes : sentences on what was mended or left
     out
     """
@@ -107,10 +106,12 @@ def measured_orders(
 
     One of ``angle``, ``speed`` and ``pulses`` says what is measured. The record is cut
     into blocks of ``cycles``; those whose speeds lie in one window of ``step_rpm`` are
-    averaged. Missing pulses are counted, as of a wheel with a gap, and told in
+    averaged, of a speed without marks by their sizes: its integral drifts, and phases
+    with it. Missing pulses are counted, as of a wheel with a gap, and told in
     ``notes``. Amplitudes are those of jaxhb: over the even rotation theta = Omega t and
     not over the angle that vibrates. :class:`SceneError` where the record has no rising
-    time, less than a block, or too few samples for the orders.
+    time, less than a block, or too few samples for the orders, or where the rotor does
+    not turn by a cycle from mark to mark.
 
     Parameters
     ----------
