@@ -46,8 +46,8 @@ class MeasuredOrders:
     rpm : ``(B,)`` mean speeds; orders : ``(K,)`` per revolution; angle : complex ``(B,
     K)``, rad, peak amplitude and phase of ``cos(order theta + phase)``, of a speed
     without marks amplitudes alone; noise : ``(B, K)`` rad, standard deviation of each
-    amplitude from what the orders leave unexplained; blocks : ``(B,)``, how many of them
-    each window has; phased : whether theta is 0 at a mark, so that phases mean
+    amplitude from what the orders leave unexplained; blocks : ``(B,)``, how many each
+    window has; phased : whether theta is 0 at a mark, so that phases mean
     something; notes : sentences on what was mended or left out
     """
 
