@@ -164,9 +164,9 @@ def _row_errors(
         counts = f"{len(value)}, must be {len(rows)}, as many as in the scene"
         return [f"the number of rows of {key} is {counts}."]
     check = TOGETHER[table][0]
-    known = check(element)
+    before = check(element)
     changed = dataclasses.replace(element, **{field: value})
-    return [f"{name!r}: {text}" for text in check(changed) if text not in known]
+    return [f"{name!r}: {text}" for text in check(changed) if text not in before]
 
 
 def _inner_errors(

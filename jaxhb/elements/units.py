@@ -185,7 +185,7 @@ def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
     if unit == TEMPERATURE:
         return _temperature(number, written)
     if weight and not (written == unit or _fits(written, unit)):
-        written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb)f", r"\1", written))
+        written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb|t)f", r"\1", written))
     scale = factor(written, unit)
     # A quotient of whole numbers is rounded once: 0.2 mm is 0.0002 m.
     parts = round(1 / scale) or 1
@@ -207,6 +207,11 @@ def factor(written: str, unit: str) -> float:
     >>> factor("kN m", "N m"), factor("mm", "m"), factor("1/min", "rpm")
     (1000.0, 0.001, 1.0)
     """
+    if unit == TEMPERATURE:
+        # Other scales have another zero.
+        if _form(written) not in ("c", "degc"):
+            raise UnitError(f"must be in {TEMPERATURE}.")
+        return 1.0
     return 1.0 if written == unit else _factor(written, unit)
 
 
@@ -219,17 +224,17 @@ def _factor(written: str, unit: str) -> float:
         )
     try:
         scale = _scale(_parsed(written), unit)
-        known = True
+        is_read = True
     except ValueError as error:
         if isinstance(error, UnitError):
             raise
         scale = None
-        known = False
+        is_read = False
     if scale is None:
-        needed = f"in {unit} or a unit like it" if unit else "a number without unit"
+        needs = f"in {unit} or a unit like it" if unit else "a number without unit"
         raise UnitError(
-            f"{'' if known else 'whose unit is not known, '}must be"
-            f" {needed}.{_suggestion(written, unit)}"
+            f"{'' if is_read else 'whose unit is not known, '}must be"
+            f" {needs}.{_suggestion(written, unit)}"
         )
     return scale
 
@@ -389,6 +394,8 @@ UNITS_OF_COLUMNS = {
     "imep": "Pa",
     "stress": "Pa",
     "torque": "N m",
+    "mean torque": "N m",
+    "temperature": TEMPERATURE,
     "seconds": "s",
     "decay": "s",
 }
@@ -402,10 +409,10 @@ def units_of_columns(cls: type, field: dataclasses.Field) -> tuple[str, ...]:
     """Units of the columns of rows, or of the numbers of a list, of a class of
     elements.
     """
-    own = {key: unit_of(other) for key, other in fields_of_class(cls).items()}
+    units = {key: unit_of(other) for key, other in fields_of_class(cls).items()}
     unit = field.metadata.get("unit")
     special = dict.fromkeys(IN_UNIT_OF_ROWS, unit) if unit else {}
-    special |= {key: own[key] for key in ("stiffness", "damping") if key in own}
+    special |= {key: units[key] for key in ("stiffness", "damping") if key in units}
     return tuple(
         special.get(column, UNITS_OF_COLUMNS.get(column, ""))
         for column in field.metadata["columns"]

@@ -29,7 +29,7 @@ from jaxhb.train.topology import Topology
 
 SETTLED = 1e-10
 """Change of temperatures at which they are at rest, over the first from the air."""
-FOUND = 1e-3  # K, by which the temperature may differ from that of its heat
+AGREES = 1e-3  # K, by which the temperature may differ from that of its heat
 
 
 def at_temperatures(
@@ -109,14 +109,14 @@ def heat_balance(
     temperatures = np.asarray(response.temperatures)
     power = np.stack([response.power(name) for name in names], axis=-1)
     ambient = np.array([train.value(f"{name}.ambient") for name in names])
-    lost = np.asarray(solved(response.status)) & ~np.all(
-        np.abs(ambient + power / _conductance(train) - temperatures) <= FOUND, axis=-1
+    unsettled = np.asarray(solved(response.status)) & ~np.all(
+        np.abs(ambient + power / _conductance(train) - temperatures) <= AGREES, axis=-1
     )
-    if lost.any():
+    if unsettled.any():
         raise SceneError(
             f"{train.topology.title}: the temperature of {joined(map(repr, names))} is"
-            f" not found at {np.sum(lost)} of {len(speeds)} speeds, the first"
-            f" {speeds[lost][0]:g} rpm. Make over_temperature smoother, or give a"
+            f" not found at {np.sum(unsettled)} of {len(speeds)} speeds, the first"
+            f" {speeds[unsettled][0]:g} rpm. Make over_temperature smoother, or give a"
             " temperature without surface."
         )
     response = dataclasses.replace(response, train=first.train)

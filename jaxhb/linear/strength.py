@@ -23,6 +23,7 @@ from jaxhb.elements.rules import RULES, Rule, Section
 from jaxhb.elements.rules.chosen import GEARS
 from jaxhb.elements.sentences import suggestion
 from jaxhb.results.answers import with_gaps
+from jaxhb.train.checks.limits import section_of
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.kinematics import speed_ratios
 from jaxhb.train.omission import silent_cylinders
@@ -124,16 +125,7 @@ def permissible_stress(
         nominal_torque=nominal_torque,
         rated_rpm=rated_rpm,
     )
-    xp = namespace(*vars(section).values(), speed_ratio)
-    ratio = xp.asarray(speed_ratio, dtype=float)
-    # Both are masked, not one computed from the other: the derivative of an infinite
-    # limit would be nan.
-    continuous, transient = rule.limits(section, ratio)
-    beyond = ratio > rule.highest
-    return (
-        xp.where(beyond, math.inf, continuous),
-        xp.where(beyond, math.inf, transient),
-    )
+    return _limits(rule, section, speed_ratio)
 
 
 @dataclass(frozen=True)
@@ -253,8 +245,9 @@ def barred_ranges(
     values = values[:, counted]
     speed, stress, continuous, transient = rows[:, counted]
     excess = stress - continuous
-    share = stress / continuous
-    transient_share = stress / transient
+    share = share_of_limit(stress, continuous)
+    transient_share = share_of_limit(stress, transient)
+    sizes = share_of_limit(values[1], values[2])
     last = len(counted) - 1
 
     def bound(inside: int, outside: int) -> Array:
@@ -267,7 +260,7 @@ def barred_ranges(
         return speed[i] + (speed[j] - speed[i]) * excess[i] / (excess[i] - excess[j])
 
     def barred(first: int, end: int) -> BarredRange:
-        worst = first + int(np.argmax((values[1] / values[2])[first:end]))
+        worst = first + int(np.argmax(sizes[first:end]))
         return BarredRange(
             low=number(bound(first, first - 1)),
             high=number(bound(end - 1, end)),
@@ -284,6 +277,13 @@ def barred_ranges(
     return tuple(
         barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True)
     )
+
+
+def share_of_limit(stress: Array, limit: Array) -> Array:
+    """Stress over its limit ``(...)``, infinite where no stress is permitted."""
+    xp = namespace(stress, limit)
+    permitted = limit > 0.0
+    return xp.where(permitted, stress / xp.where(permitted, limit, 1.0), math.inf)
 
 
 def _rows(xp: ModuleType, columns: tuple[Array, ...]) -> Array:
@@ -475,8 +475,7 @@ class Strength:
     tachometer_tolerance : share of the rated speed by which barred ranges are widened
     not_firing : names of the cylinders without injection or gas torque
     unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
-    cycles, as no harmonic solution
-        repeats the motion
+        cycles, as no harmonic solution repeats the motion
     """
 
     rpm: Array
@@ -672,27 +671,15 @@ def having(topology: Topology, table: str, *keys: str) -> list[str]:
     ]
 
 
-def section(train: DriveTrain, name: str) -> tuple[Number, Number]:
-    """Outer diameter and bore in m at which a shaft is judged: its ``diameter`` and
-    ``bore``, else those of its stiffness.
-    """
-    shaft, _ = train.topology.link_index(name)
-    shafts = train.shafts
-    if train.topology.has_key(shaft, "diameter"):
-        diameter = shafts.diameter
-        bore = shafts.bore
-    else:
-        diameter = shafts.outer
-        bore = shafts.inner
-    # A field that no shaft of the train has is None, not zeros.
-    return diameter[shaft], 0.0 if bore is None else bore[shaft]
-
-
 def stress_of(train: DriveTrain, name: str, torque: Number) -> Array:
     """Nominal stress in Pa of a shaft under a torque in N m."""
-    diameter, bore = section(train, name)
+    shaft, _ = train.topology.link_index(name)
+    section = section_of(train, shaft)
     # An array, as the diameter is one.
-    return cast("Array", torsional_stress(torque, diameter=diameter, bore=bore))
+    return cast(
+        "Array",
+        torsional_stress(torque, diameter=section.diameter, bore=section.bore),
+    )
 
 
 def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Array]:
@@ -700,23 +687,23 @@ def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Arr
     rotor.
     """
     shaft, _ = train.topology.link_index(name)
-    shafts = train.shafts
-    optional = {
-        key: getattr(shafts, key)[shaft]
-        for key in ("stress_concentration", "yield_strength", "nominal_torque")
-        if train.topology.has_key(shaft, key)
-    }
-    diameter, bore = section(train, name)
     rated = train.topology.rated_rpm
     assert rated is not None  # a shaft with limits has one
-    return permissible_stress(
-        diameter=diameter,
-        bore=bore,
-        rated_rpm=rated,
-        tensile_strength=shafts.tensile_strength[shaft],
-        speed_ratio=namespace(rpm).asarray(rpm) / rated,
-        rule=train.topology.rule_of(shaft),
-        **optional,
+    ratio = namespace(rpm).asarray(rpm) / rated
+    return _limits(train.topology.rule_of(shaft), section_of(train, shaft), ratio)
+
+
+def _limits(rule: Rule, section: Section, speed_ratio: Number) -> tuple[Array, Array]:
+    """Limits in Pa of a section, infinite above the highest speed of a rule."""
+    xp = namespace(*vars(section).values(), speed_ratio)
+    ratio = xp.asarray(speed_ratio, dtype=float)
+    # Both are masked, not one computed from the other: the derivative of an infinite
+    # limit would be nan.
+    continuous, transient = rule.limits(section, ratio)
+    beyond = ratio > rule.highest
+    return (
+        xp.where(beyond, math.inf, continuous),
+        xp.where(beyond, math.inf, transient),
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from jaxhb.elements.declared import Unread
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.sentences import cut, shown, suggestion
+from jaxhb.elements.units import si_value
 from jaxhb.elements.values import field_errors
 from jaxhb.scene.input_files import Missing, Unreadable, read_text
 
@@ -90,17 +91,23 @@ def with_parts(
     Sentences are added to ``errors``; an element whose part is not known stays as it
     is.
     """
-    catalogue = _catalogue(content, path, errors)
+    file_errors: list[str] = []
+    catalogue = _catalogue(content, path, file_errors)
+    errors += file_errors
+    part_errors: list[str] = []
     merged = dict(content)
     for table in dict.fromkeys(KINDS.values()):
         rows = content.get(table)
         if isinstance(rows, list):
             merged[table] = [
                 _with_part(
-                    row, (table, i), catalogue, f"{path.name}, [[{table}]]", errors
+                    row, (table, i), catalogue, f"{path.name}, [[{table}]]", part_errors
                 )
                 for i, row in enumerate(rows)
             ]
+    # Of parts in a file that cannot be read nothing is known.
+    if catalogue or not file_errors:
+        errors += part_errors
     return merged
 
 
@@ -121,7 +128,7 @@ def _with_part(
     part = catalogue.get((table, name)) if isinstance(name, str) else None
     if part is None:
         title = f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
-        names = [known for kind, known in catalogue if kind == table]
+        names = [part_name for kind, part_name in catalogue if kind == table]
         advice = suggestion(name, names)
         if not names:
             advice = " Name its file in [parts], files = [...]."
@@ -221,7 +228,8 @@ def _sound_keys(
                 f"{where}: unknown key {shown(key)}.{suggestion(key, allowed)}"
             )
             continue
-        faults = field_errors(where, allowed[key], value)
+        in_si = si_value(TABLES[table], allowed[key], value)
+        faults = field_errors(where, allowed[key], in_si)
         errors += faults or []
         keys[key] = value if faults is None else Unread()
     return keys

@@ -29,7 +29,7 @@ from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import field_errors, rounded, sound_orders
 from jaxhb.excitation.orders import harmonics_of
 from jaxhb.train import connections, contact_law, tables
-from jaxhb.train.checks import consistency
+from jaxhb.train.checks import consistency, limits
 from jaxhb.train.checks.events import event_errors, read_sequences, shaft_of
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
@@ -233,6 +233,9 @@ def checked(
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
+    texts = limits.limit_errors(train)
+    if texts:
+        raise SceneError(f"{source}, {text}" for text in texts)
     return contact_law.with_contact_law(train, parts.tables["mesh"])
 
 

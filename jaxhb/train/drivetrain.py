@@ -22,6 +22,7 @@ from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.elements.values import joined
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
+from jaxhb.train.checks import limits
 from jaxhb.train.tables import TrainArrays
 
 
@@ -269,9 +270,11 @@ class DriveTrain(TrainArrays):
                 "the rules of separation margins need operating_rpm = [lowest, highest]"
                 " in [scene]. Give the operating speeds of the reference rotor in rpm."
             )
+        train = dataclasses.replace(self, topology=topology)
+        errors = errors or limits.limit_errors(train)
         if errors:
             raise SceneError(errors)
-        return dataclasses.replace(self, topology=topology)
+        return train
 
     def without(self, *names: str) -> DriveTrain:
         """Return the train without elements, as with a clutch open (its shaft left out)

@@ -61,7 +61,9 @@ class SNCurve:
     knee_exponent: float | None = None
 
     def cycles(self, amplitude: Array) -> Array:
-        """Cycles ``(...)`` borne at amplitudes ``(...)``; infinite below the limit."""
+        """Cycles ``(...)`` borne at amplitudes ``(...)``; infinite up to the limit, nan
+        of an amplitude that is none.
+        """
         xp = namespace(amplitude)
         rows = np.array(self.points, dtype=float)
         if rows.ndim != 2 or len(rows) < 2:
@@ -75,14 +77,15 @@ class SNCurve:
         number, height = np.log(rows).T
         exponents = -np.diff(number) / np.diff(height)
         positive = xp.asarray(amplitude) > 0
-        level = xp.log(xp.where(positive, amplitude, height[-1]))
+        level = xp.log(xp.where(positive, amplitude, rows[-1, 1]))
         line = np.searchsorted(-height[1:-1], -_concrete(level))
         life = number[line] + exponents[line] * (height[line] - level)
         if self.knee_exponent is not None:
             below = number[-1] + self.knee_exponent * (height[-1] - level)
             life = xp.where(level < height[-1], below, life)
-        bears = positive & (xp.asarray(amplitude) > self.limit)
-        return xp.where(bears, xp.exp(xp.where(bears, life, 0.0)), xp.inf)
+        wears = positive & (xp.asarray(amplitude) > self.limit)
+        borne = xp.where(wears, xp.exp(xp.where(wears, life, 0.0)), xp.inf)
+        return xp.where(xp.isnan(xp.asarray(amplitude)), xp.nan, borne)
 
 
 def _concrete(values: Array) -> np.ndarray:
@@ -98,6 +101,7 @@ def count_cycles(history: History) -> CountedCycles:
     rainflow.
 
     Ranges and means stay differentiable: the count is that of the values.
+    :class:`SceneError` of values that are not finite.
 
     >>> time = np.arange(9.0)
     >>> values = np.array([-2.0, 1, -3, 5, -1, 3, -4, 4, -2])
@@ -113,7 +117,14 @@ def count_cycles(history: History) -> CountedCycles:
             ' "jaxhb[transients]"'
         ) from None
     values = history.values
-    rows = list(rainflow.extract_cycles(_concrete(values)))
+    counted = _concrete(values)
+    if not np.isfinite(counted).all():
+        place = int(np.flatnonzero(~np.isfinite(counted))[0])
+        raise SceneError(
+            f"the signal is {counted[place]} at {float(history.time[place]):g} s, and"
+            " its cycles cannot be counted. Take the part before."
+        )
+    rows = list(rainflow.extract_cycles(counted))
     rows.sort(key=lambda row: -row[0])
     begin = np.array([row[3] for row in rows], dtype=int)
     end = np.array([row[4] for row in rows], dtype=int)

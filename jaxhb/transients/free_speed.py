@@ -217,8 +217,32 @@ def free_plan(
             f"{title}: at free speed {which}: give a load a law with rated_torque and"
             " rated_rpm, or over_rpm."
         )
+    points = [point for point in points_of(values) if point > 0.0]
+    highest = 2.0 * max(rpm, *points, 1.0)
+    while True:
+        try:
+            return _settled(values, seconds, rpm, listed, refine, highest)
+        except RunsAway:
+            # Torques that are alike at all speeds name none that is too high.
+            if points or highest > HIGHEST_RPM:
+                raise
+            highest *= 8.0
+
+
+class RunsAway(SceneError):
+    """A free speed goes beyond the range of its torques."""
+
+
+def _settled(
+    values: DriveTrain,
+    seconds: float,
+    rpm: float,
+    listed: list[Occurrence],
+    refine: int,
+    highest: float,
+) -> Plan:
+    """The plan whose begins of events stand still, of torques up to a speed in rpm."""
     table = SpeedTable(np.array([0.0, seconds]), np.array([rpm, rpm]))
-    highest = 2.0 * max(rpm, *known_speeds(values), 1.0)
     plan = Plan(table, course(values, listed, table), free=True)
     longest = seconds / FREE_BLOCKS / STEPS / refine
     torque_table = _torque_table(values, plan.course, highest)
@@ -277,7 +301,7 @@ def _free_again(
     stopped = np.append(np.flatnonzero(speeds < 0), len(speeds))[0]
     away = np.append(np.flatnonzero(~(speeds <= 0.99 * highest)), len(speeds))[0]
     if away < stopped:
-        raise SceneError(
+        raise RunsAway(
             f"{title}: at free speed the train runs away: {0.99 * highest:.5g} rpm are"
             f" passed after {steps.borders[away]:.3g} s. Correct the mean torques or"
             " the laws of loads."
@@ -292,7 +316,7 @@ def _free_again(
     return Plan(after, course(values, plan.course.listed, after), free=True)
 
 
-def known_speeds(train: DriveTrain) -> list[float]:
+def points_of(train: DriveTrain) -> list[float]:
     """Speeds in rpm of the reference rotor at which torques and loads are given."""
     numbers = [*excitation.speeds(train)]
     loads = train.loads

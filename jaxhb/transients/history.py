@@ -253,32 +253,55 @@ class History:
         refuse_tracers("order_map", self.values, host=True)
         if not 0 <= overlap < 1:
             raise ValueError(f"overlap is {overlap:g}, must be from 0 to below 1")
+        if not (revolutions > 0 and 0 < highest < np.inf):
+            raise ValueError(
+                f"revolutions are {revolutions:g} and highest is {highest:g}, must both"
+                " be greater than 0"
+            )
         turned = np.asarray(self.angle) / (2 * np.pi)
         if turned[-1] - turned[0] < revolutions:
             raise ValueError(
                 f"the rotor turns {turned[-1] - turned[0]:.4g} times, and a window has"
                 f" {revolutions:g} revolutions: give fewer"
             )
-        samples = int(np.ceil(4 * highest * revolutions))
         hop = revolutions * (1 - overlap)
         count = int((turned[-1] - turned[0] - revolutions) / hop) + 1
         moving = np.concatenate([[True], np.diff(turned) > 0])
-        begins = turned[0] + hop * np.arange(count)
-        angles = begins[:, None] + revolutions * np.arange(samples) / samples
-        values = np.interp(angles, turned[moving], np.asarray(self.values)[moving])
+        values = np.asarray(self.values)[moving]
+        angles = turned[moving]
+        begins = angles[0] + hop * np.arange(count)
+        spectra = [
+            _spectrum(angles, values, begin, revolutions, highest) for begin in begins
+        ]
         middles = begins + revolutions / 2
-        window = np.hanning(samples + 1)[:-1]
-        weighted = values * (window * samples / window.sum())
-        spectrum = np.asarray(fourier.analyze(weighted, samples // 2))
-        orders = np.arange(spectrum.shape[1]) / revolutions
-        shown = orders <= highest
-        one_sided = np.where(orders > 0, 2.0, 1.0)
         return OrderMap(
-            time=np.interp(middles, turned[moving], np.asarray(self.time)[moving]),
-            rpm=np.interp(middles, turned[moving], np.asarray(self.rpm)[moving]),
-            orders=orders[shown],
-            amplitudes=(np.abs(spectrum) * one_sided)[:, shown],
+            time=np.interp(middles, angles, np.asarray(self.time)[moving]),
+            rpm=np.interp(middles, angles, np.asarray(self.rpm)[moving]),
+            orders=np.arange(len(spectra[0])) / revolutions,
+            amplitudes=np.array(spectra),
         )
+
+
+def _spectrum(
+    turned: np.ndarray,
+    values: np.ndarray,
+    begin: float,
+    revolutions: float,
+    highest: float,
+) -> np.ndarray:
+    """One-sided amplitudes ``(K,)`` of the orders 0, 1 / revolutions, ... ``highest``
+    of a signal in the window from ``begin`` on, at angles in revolutions.
+    """
+    shown = int(np.floor(highest * revolutions + 1e-9)) + 1
+    instants = np.diff(np.searchsorted(turned, [begin, begin + revolutions]))[0]
+    # As fine as the signal itself: orders beyond the samples would appear below.
+    samples = 2 * max(int(np.ceil(2 * highest * revolutions)), int(instants), 1)
+    angles = begin + revolutions * np.arange(samples) / samples
+    window = np.hanning(samples + 1)[:-1]
+    weighted = np.interp(angles, turned, values) * (window * samples / window.sum())
+    coefficients = fourier.analyze(weighted, samples // 2)
+    one_sided = np.where(np.arange(shown) > 0, 2.0, 1.0)
+    return np.abs(np.asarray(coefficients)[:shown]) * one_sided
 
 
 @partial(Program, static_argnames="p")

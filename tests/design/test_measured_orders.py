@@ -164,6 +164,35 @@ def test_the_mark_says_where_the_cycle_begins():
     )
 
 
+@pytest.mark.parametrize("teeth", [58, 59, 120])
+def test_marks_tell_that_the_wheel_has_other_teeth(teeth):
+    rotor = Rotor(1200.0)
+    between = 2 * 60 / teeth
+    with pytest.raises(jaxhb.SceneError, match=f"there are {between:.4g} revolutions"):
+        measured_orders(rotor.pulses(90, 60), pulses=teeth, marks=rotor.marks(90))
+
+
+def test_a_mark_in_every_revolution_tells_no_cycle_of_two():
+    rotor = Rotor(1200.0)
+    twice = rotor.time_at(TURN * np.arange(1, 90))
+    with pytest.raises(jaxhb.SceneError, match="there are 1 revolutions, must be 2"):
+        measured_orders(rotor.pulses(90, 60), pulses=60, marks=twice)
+
+
+def test_a_speed_without_marks_has_its_amplitudes_whatever_its_scale():
+    """A torsiograph that reads 0.1 % too much: its phases drift by turns in a record of
+    400 revolutions, its amplitudes do not.
+    """
+    rotor = Rotor(1200.0)
+    time = np.arange(0.0, 20.0, 1 / 5000)
+    found = measured_orders(time, speed=1.001 * rotor.rate(time), highest=6.0)
+    for order, amplitude in ORDERS.items():
+        size = np.abs(found.angle[0, found.orders == order])[0]
+        # Over the 20 revolutions of a block the phase turns by 0.12 of a turn at most,
+        # and (pi 0.12)^2 / 6 of the wave is lost.
+        assert size == pytest.approx(abs(amplitude), rel=0.03), order
+
+
 def test_speeds_and_accelerations_are_derivatives_of_the_angle():
     rotor = Rotor(900.0)
     found = measured_orders(rotor.pulses(41, 60), pulses=60)
@@ -239,6 +268,9 @@ def test_files_have_columns_with_units(tmp_path, heads, scale):
         ("time;angle;speed\n0;1;2", "angle and speed are both there"),
         ("time;time\n0;1", "two columns 'time'"),
         ("", "the file is empty"),
+        ("time;angle;mark", "there is no time below its head"),
+        ("time;angle;mark\n0;1;5\n1;2;5", "the column mark has no mark"),
+        ("time;angle;mark [V]\n0;1;5", "Leave out the unit of a level"),
     ],
 )
 def test_files_that_are_no_records_are_refused(tmp_path, text, sentence):

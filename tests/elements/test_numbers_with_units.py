@@ -243,7 +243,7 @@ PLAIN = {
 }
 IN_OTHER_UNITS = {
     "rated": "25 Hz",
-    "inertia": 'gd2 = "120 kgf m2"',
+    "inertia": 'gd2 = "0.12 tf m2"',
     "rpm0": "10 Hz",
     "rpm1": "20 Hz",
     "damping": "3e-3 kNm s/rad",

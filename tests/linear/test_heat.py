@@ -125,7 +125,7 @@ def test_traced_numbers_are_refused_with_what_to_do():
 
 
 def test_a_temperature_that_is_not_found_is_told(monkeypatch):
-    monkeypatch.setattr("jaxhb.linear.heat.FOUND", -1.0)
+    monkeypatch.setattr("jaxhb.linear.heat.AGREES", -1.0)
     with pytest.raises(jaxhb.SceneError) as caught:
         jaxhb.heat_balance(built(damped()), rpm=[400.0, 900.0])
     assert "the temperature of 'ring' is not found at 2 of 2 speeds, the first 400" in (

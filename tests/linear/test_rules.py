@@ -86,6 +86,7 @@ def test_a_scene_judges_by_its_file_as_by_the_rule_of_jaxhb(tmp_path):
         ("where(a <= 4, lambda, 1 / 0.5) * 2", 1.0),
         ("where(lambda > 0.5, 1, 2)", 2.0),
         ("3", 3.0),
+        ("\n  2 *\n  a\n", 8.0),
     ],
 )
 def test_a_formula_has_the_value_of_its_arithmetic(text, value):
@@ -114,6 +115,8 @@ def test_a_formula_has_the_value_of_its_arithmetic(text, value):
         ("a < b", "is not understood"),
         ("True", "is not understood"),
         ("'a'", "is not understood"),
+        ("2,5 * a", "Write decimals with a point"),
+        ("1" + 400 * "0", "is not understood"),
         ("1 +" * 400, "1200 characters, must have at most 1000"),
     ],
 )
@@ -135,11 +138,14 @@ def test_what_is_no_formula_is_refused_with_its_column(text, sentence):
         ("accepted_to", "accept_to", "unknown key 'accept_to'. Did you mean"),
         ("C_D =", "C_K =", "the name is taken"),
         ('high = "(18', 'hig = "(18', r"\[barred\] must have the keys low and high"),
+        ("(18 - lambda) * n_c / 16", "0.9 * n_c", "low is 271.2 and high is 270 rpm"),
         ("[[span]]\nlambda = [0.0", "[[spa]]\nlambda = [0.0", "unknown key 'spa'"),
         ("0.8\ncrank", "-1\ncrank", "accepted_to is -1, must be a number greater"),
         ("crankshafts", "year = 1.5\ncrankshafts", "year is 1.5, must be a whole"),
         ("1.38", "1.38 *", "continuous: it is no formula, at column"),
         ("[define]", "[define", "invalid TOML"),
+        ("crankshafts = false", "crankshafts = 'no'", "'no', must be true or false"),
+        ("[0.9, 1.05]", "[0.9, inf]", r"must be \[from, to\], rising"),
     ],
 )
 def test_faults_of_a_file_are_told_in_sentences(old, new, sentence):
@@ -147,6 +153,73 @@ def test_faults_of_a_file_are_told_in_sentences(old, new, sentence):
     with pytest.raises(SceneError, match=sentence) as error:
         rule_of(TEXT.replace(old, new, 1), "mine.toml")
     assert str(error.value).startswith("mine.toml: ")
+
+
+KOREAN = """
+name = "main engines"
+source = "after KR 201, times d / 400 mm"
+stress_unit = "MPa"
+length_unit = "mm"
+
+[[span]]
+lambda = [0.0, 1.0]
+continuous = "d / 400 * (45 - 24 * lambda ** 2)"
+transient = "2 * tau_C"
+
+[[span]]
+lambda = [1.0, 1.15]
+continuous = "d / 400 * (21 + 237 * (lambda - 0.8) * sqrt(lambda - 1))"
+transient = "tau_C"
+"""
+
+
+def test_a_root_beyond_its_span_has_no_part_in_limits_and_derivatives():
+    rule = rule_of(KOREAN, "main.toml")
+    ratio = np.array([0.5, 0.9, 1.1, 1.15])
+    steel = {"tensile_strength": 440e6, "yield_strength": 225e6}
+
+    def limit(diameter, ratio, rule=rule):
+        return jaxhb.permissible_stress(
+            diameter=diameter, speed_ratio=ratio, rule=rule, **steel
+        )[0]
+
+    # The rule of jaxhb does not depend on the diameter.
+    built_in = limit(0.4, ratio, "KR crankshaft A")
+    np.testing.assert_allclose(limit(0.4, ratio), built_in, rtol=1e-12)
+    over_size = jax.jacobian(limit)(0.4, ratio)
+    np.testing.assert_allclose(over_size, built_in / 0.4, rtol=1e-12)
+    slopes = jax.vmap(jax.grad(lambda x: limit(0.4, x)))(ratio)
+    built_in_slopes = jax.vmap(jax.grad(lambda x: limit(0.4, x, "KR crankshaft A")))
+    np.testing.assert_allclose(slopes, built_in_slopes(ratio), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("formula_of_limit", "sentence"),
+    [
+        ("tau * (1 - 2 * lambda ** 2)", r"is -\S* Pa at lambda = 0.7087"),
+        ("tau * sqrt(0.5 - lambda)", "is nan Pa at lambda = 0.504"),
+    ],
+)
+def test_limits_that_are_none_are_refused(tmp_path, formula_of_limit, sentence):
+    path = line(tmp_path, f'rules = ["{FILE.name}"]')
+    text = TEXT.replace("tau * (3 - 2 * lambda ** 2)", formula_of_limit)
+    (tmp_path / FILE.name).write_text(text)
+    with pytest.raises(SceneError, match=f"continuous limit of inter.* {sentence}"):
+        jaxhb.load_scene(path)
+    path.write_text(LINE)
+    rule = File(FILE.name, text)
+    with pytest.raises(SceneError, match=f"continuous limit of inter.* {sentence}"):
+        jaxhb.load_scene(path).with_rules(rule)
+
+
+def test_nothing_is_within_a_limit_of_no_stress():
+    rpm = np.array([100.0, 200.0, 300.0])
+    stress = np.full(3, 10.0)
+    (barred,) = barred_ranges(
+        rpm, stress, np.array([20.0, 5.0, 20.0]), np.array([30.0, 0.0, 30.0])
+    )
+    assert not barred.passable
+    assert (barred.share, barred.transient_share) == (2.0, np.inf)
 
 
 def test_a_rule_that_is_not_there_or_lacks_a_number_is_refused(tmp_path):

@@ -14,6 +14,7 @@ from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.elements.rules import RULES
 from jaxhb.linear import strength
 from jaxhb.results.record import Record, RecordedSignal
+from jaxhb.train.checks.limits import section_of
 
 # d mm, sigma_B MPa, C_K, lambda; tau_C and tau_T in MPa, worked out with 30 digits from
 # the text of the rule.
@@ -184,7 +185,8 @@ def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
     assert list(limits.stresses) == ["a|b"]
     assert limits.stresses["a|b"].continuous is None
     assert not limits.barred
-    assert strength.section(train, "a|b") == (0.06, 0.02)
+    section = section_of(train, 0)
+    assert (section.diameter, section.bore) == (0.06, 0.02)
 
 
 def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_more():

@@ -81,6 +81,16 @@ def test_orders_count_on_the_reference_and_angles_on_the_own_rotor():
     np.testing.assert_allclose(sums.sums, [expected], rtol=0, atol=ROUNDING)
 
 
+def test_a_cylinder_has_no_vector_in_orders_that_its_torque_lacks():
+    """A two-stroke beside a four-stroke on one crank: half orders are of one alone."""
+    two_stroke = Cylinder(
+        name="y", disk="a", gas_torque_mean=5.0, gas_torque=[(1.0, 3.0, 0.0)]
+    )
+    sums = jaxhb.vector_sums(pair(cylinder("x"), two_stroke), orders=[0.5, 1.0, 1.5])
+    np.testing.assert_allclose(sums.sums, [1.0, 2.0, 1.0], rtol=0, atol=ROUNDING)
+    assert sums.major().all()
+
+
 def test_what_has_no_vector_sum_is_refused_in_a_sentence():
     with pytest.raises(SceneError, match="no cylinder fires"):
         jaxhb.vector_sums(jaxhb.load_scene("spur_pair"))

@@ -82,3 +82,21 @@ def test_scenarios_are_sheets_of_one_workbook(run, tmp_path):
     assert {"cold", "hot"} <= {*book.sheetnames}
     first_rows = {name: list(book[name].values)[1] for name in ("cold", "hot")}
     assert first_rows["cold"] != first_rows["hot"]
+
+
+def test_sheets_of_long_names_with_one_begin_are_told_apart():
+    """Spreadsheet programs take 31 letters, and no capitals to tell names apart."""
+    modes = (
+        "a long name of a plant, misfire of 1",
+        "a long name of a plant, misfire of 2",
+    )
+    table = Sheet(["x"], [(1.0,)])
+    (content,) = as_workbook(dict.fromkeys((*modes, "Warm", "warm", ""), table))
+    names = openpyxl.load_workbook(io.BytesIO(content)).sheetnames
+    assert names == [
+        "a long name of a plant, misfire",
+        "a long name of a plant, mis 2",
+        "Warm",
+        "warm 2",
+        "rows",
+    ]

@@ -266,6 +266,23 @@ def test_cells_as_people_write_them_mean_the_same(tmp_path):
         assert same(loaded(tmp_path, plant(**sheets)), expected), sheets
 
 
+def test_a_head_gives_its_unit_to_all_numbers_below_it(tmp_path):
+    """In lists in the notation of JSON, and in tables whose keys are not declared."""
+    pistons = ["disks", "cylinders", "firing_order", "reciprocating_mass [g]"]
+    engine = {"bore": 0.1, "stroke": 0.1, "rod": 0.2, "gas_torque_mean": 1.0}
+    for masses in ("[2000, 3000]", "2000; 3000"):
+        rows = [[*pistons, *engine], ["a; b", 2, "1; 2", masses, *engine.values()]]
+        train = loaded(tmp_path, plant(engine=rows))
+        assert train.cylinders.reciprocating_mass.tolist() == [2.0, 3.0], masses
+    low = {
+        "tune": [["key", "value"], ["rpm", "800:2200:15"]],
+        "tune.parameter": [["name", "low [kN m/rad]", "high"], ["a|b.stiffness", 1, 4]],
+        "tune.objective": [["quantity", "of"], ["torque", "a|b"]],
+    }
+    (parameter,) = loaded(tmp_path, plant(**low)).tune["parameter"]
+    assert (parameter["low"], parameter["high"]) == ("1 kN m/rad", 4)
+
+
 def test_merged_cells_of_a_column_hold_for_all_their_rows(tmp_path):
     book = book_of(plant(disk=[["name", "inertia"], ["a", 2.5], ["b"]]))
     book["disk"].merge_cells("B2:B3")
@@ -382,6 +399,34 @@ FAULTS = {
     "scenario": (
         {"scenario": [["key", "hot"], ["x.stiffness", 5]]},
         "sheet scenario, cell B2: there is no element 'x'",
+    ),
+    "key of a scenario twice": (
+        {"scenario": [["key", "hot"], ["a|b.stiffness", 5], ["a|b.stiffness", 6]]},
+        "sheet scenario, cell A3: 'a|b.stiffness' is there twice. Keep one.",
+    ),
+    "scenario twice": (
+        {"scenario": [["key", "hot", "hot"], ["a|b.stiffness", 5, 6]]},
+        "sheet scenario, cell C1: 'hot' is there twice. Keep one.",
+    ),
+    "scenario without key": (
+        {"scenario": [["key", "hot"], ["a|b.stiffness", 5], [None, 6]]},
+        "sheet scenario, cell A3: the key of the row is missing.",
+    ),
+    "number of a scenario": (
+        {"scenario": [["key", "hot"], ["a|b.stiffness", "soft"]]},
+        "sheet scenario, cell B2: 'a|b': stiffness is 'soft'",
+    ),
+    "setting twice": (
+        {"scene": [["key", "value"], ["rated_rpm", 1500], ["rated_rpm [Hz]", 20]]},
+        "sheet scene, cell A3: 'rated_rpm' is there twice. Keep one.",
+    ),
+    "unit of rows": (
+        {"torque": [["disk", "harmonics [kN m]"], ["a", "[[0.5, 3, 0]]"]]},
+        "sheet torque, cell B1: the head names the unit 'kN m', and harmonics has",
+    ),
+    "more columns of rows": (
+        {"pulses": [[1, 0.5, 3, 0], [2, 1, 2, 1]]},
+        "sheet pulses, cell D1: rows have the columns order, Re, Im, and there are",
     ),
     "date": (
         {

@@ -255,6 +255,23 @@ def test_a_train_that_runs_away_or_stops_is_refused():
         jaxhb.transient(train, seconds=100.0, speed="free", rpm=600.0)
 
 
+@pytest.mark.parametrize("rpm", [0.0, 50.0])
+def test_torques_alike_at_all_speeds_accelerate_a_train_as_long_as_asked(rpm):
+    """30 N m on 3 kg m2 for 5 s: 50 rad/s."""
+    train = jaxhb.build(
+        [
+            Disk(name="motor", inertia=2.0),
+            Disk(name="drum", inertia=1.0),
+            Shaft(between=("motor", "drum"), stiffness=1e4, damping=5.0),
+            Torque(disk="motor", mean=50.0),
+            Load(disk="drum", law="constant", rated_torque=20.0),
+        ],
+        revolutions_per_cycle=1,
+    )
+    moved = jaxhb.transient(train, seconds=5.0, speed="free", rpm=rpm)
+    assert float(moved.rpm[-1]) == pytest.approx(rpm + 50 * 30 / np.pi, rel=1e-9)
+
+
 def test_a_speed_that_settles_faster_than_blocks_is_refused():
     """Time constant of 1 ms, blocks of 133 ms: the iterations of a block diverge."""
     law = {"law": "propeller", "rated_torque": 90.0, "rated_rpm": 900.0}

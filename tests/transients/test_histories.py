@@ -99,12 +99,22 @@ def test_the_order_map_finds_the_amplitudes_of_known_orders():
     np.testing.assert_allclose(steps, 2.0, rtol=1e-6)
 
 
+def test_orders_beyond_those_of_a_map_do_not_appear_in_it():
+    """Teeth mesh 40 times a revolution; of 48 samples order 40 would be order 8."""
+    found = history(np.sin(40 * ANGLE)).order_map(highest=12.0)
+    # A wave of 16 samples or more, linear between them, leaves (2 pi / 16)^2 / 12
+    assert found.amplitudes.max() < 0.02
+    np.testing.assert_array_equal(found.orders, np.arange(97) / 8)
+
+
 def test_an_order_map_of_too_few_revolutions_is_refused():
     short = history(0 * TIME[:100], TIME[:100], OMEGA[:100], ANGLE[:100])
     with pytest.raises(ValueError, match="turns 0.03175 times, and a window has 8"):
         short.order_map()
     with pytest.raises(ValueError, match="overlap is 1, must be from 0 to below 1"):
         history(TIME).order_map(overlap=1.0)
+    with pytest.raises(ValueError, match="revolutions are 0 and highest is 12, must"):
+        history(TIME).order_map(revolutions=0.0)
 
 
 def turning(speed, seconds):
@@ -180,8 +190,21 @@ def test_the_curve_has_a_knee_and_a_limit():
         np.inf,
     ]
     np.testing.assert_allclose(curve.cycles(amplitudes), expected, rtol=1e-12)
+    # A number that is none does not pass for a cycle without damage.
+    assert np.isnan(curve.cycles(np.array([np.nan, 50.0]))).tolist() == [True, False]
     straight = SNCurve(points=points, source="by hand")
     assert straight.cycles(np.array(50.0)) == pytest.approx(1e6 * 2.0**slope)
+
+
+def test_a_curve_to_an_amplitude_of_one_bears_no_load_for_ever():
+    curve = SNCurve(points=((1e4, 2.0), (1e6, 1.0)), source="by hand")
+    assert curve.cycles(np.array([0.0, 1.0])).tolist() == [np.inf, pytest.approx(1e6)]
+
+
+def test_a_signal_that_is_no_number_has_no_cycles():
+    values = np.where(np.arange(9) == 5, np.nan, ASTM)
+    with pytest.raises(jaxhb.SceneError, match="the signal is nan at 5 s"):
+        count_cycles(history(values, np.arange(9.0), 0.0, np.arange(9.0)))
 
 
 @pytest.mark.parametrize(

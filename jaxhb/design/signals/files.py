@@ -79,6 +79,10 @@ def read_recorded(path: str | Path, *, pulses: bool = False) -> Recorded:
         )
     time = numbers[:, listed["time"]]
     present = ~np.isnan(time)
+    if not present.any():
+        raise SceneError(
+            f"{path.name}: there is no time below its head. Give lines of numbers."
+        )
     values = {
         name: numbers[present, listed[name]]
         for name in ("angle", "speed")
@@ -98,6 +102,11 @@ def read_recorded(path: str | Path, *, pulses: bool = False) -> Recorded:
             if as_times
             else _rises(time[present], column[present], exact=pulses)
         )
+        if not len(marks):
+            raise SceneError(
+                f"{path.name}: the column mark has no mark: no time, or a level that"
+                " never rises. Correct it, or put # before its head."
+            )
     return Recorded(time[present], values.get("angle"), values.get("speed"), marks)
 
 
@@ -142,7 +151,10 @@ def _columns(table: CsvText, source: str, pulses: bool) -> list[_Column]:
         try:
             scale = _SI.get(written) or (factor(written, head.unit) if written else 1.0)
         except UnitError as error:
-            raise SceneError(f"{where}: the head is {shown(cell)}, {error}") from None
+            remedy = " Leave out the unit of a level." if head.name == "mark" else ""
+            raise SceneError(
+                f"{where}: the head is {shown(cell)}, {error}{remedy}"
+            ) from None
         columns.append(_Column(place, head, unit, scale))
     return columns
 

@@ -33,6 +33,7 @@ DEGREE = 3  # of the even rotation over time in a block
 MOST_STEPS = 20  # until the even rotation stays
 STAYS = 1e-12  # rad
 FEWEST_CYCLES = 2
+OFF_MARK = 0.01  # share of a cycle that may be missing from mark to mark
 BETWEEN = 0.95  # of the highest order that samples can tell: the last ones are noise
 QUANTITIES = ("angle", "speed", "acceleration")
 
@@ -43,12 +44,11 @@ class MeasuredOrders:
     """Orders of a measured rotation: B windows of speed, K orders.
 
     rpm : ``(B,)`` mean speeds; orders : ``(K,)`` per revolution; angle : complex ``(B,
-    K)``, rad, peak amplitude and phase of ``cos(order theta + phase)``; noise : ``(B,
-    K)`` rad, standard deviation of each amplitude from what the orders leave
-    unexplained;
-    blocks : ``(B,)``, how many of them each window has; phased : whether theta is 0 at
-    a mark, so that phases mean something; notes : sentences on what was mended or left
-    out
+    K)``, rad, peak amplitude and phase of ``cos(order theta + phase)``, of a speed
+    without marks amplitudes alone; noise : ``(B, K)`` rad, standard deviation of each
+    amplitude from what the orders leave unexplained; blocks : ``(B,)``, how many each
+    window has; phased : whether theta is 0 at a mark, so that phases mean
+    something; notes : sentences on what was mended or left out
     """
 
     rpm: np.ndarray
@@ -106,10 +106,12 @@ def measured_orders(
 
     One of ``angle``, ``speed`` and ``pulses`` says what is measured. The record is cut
     into blocks of ``cycles``; those whose speeds lie in one window of ``step_rpm`` are
-    averaged. Missing pulses are counted, as of a wheel with a gap, and told in
+    averaged, of a speed without marks by their sizes: its integral drifts, and phases
+    with it. Missing pulses are counted, as of a wheel with a gap, and told in
     ``notes``. Amplitudes are those of jaxhb: over the even rotation theta = Omega t and
     not over the angle that vibrates. :class:`SceneError` where the record has no rising
-    time, less than a block, or too few samples for the orders.
+    time, less than a block, or too few samples for the orders, or where the rotor does
+    not turn by a cycle from mark to mark.
 
     Parameters
     ----------
@@ -148,33 +150,38 @@ def measured_orders(
     refuse_tracers("measured_orders", time, angle, speed, marks)
     record = _Record.of(time, angle, speed, pulses)
     turns = float(revolutions_per_cycle)
+    for name, value in (("revolutions_per_cycle", turns), ("highest", highest)):
+        if not 0 < value < math.inf:
+            raise SceneError(f"{name} is {value:g}, must be greater than 0.")
     orders = np.arange(1, math.floor(highest * turns + 1e-9) + 1) / turns
     _check(record, orders, cycles, turns, step_rpm)
-    found = []
+    blocks = []
     length = cycles * turns * TURN
     first = record.alpha[0]
     count = math.floor((record.alpha[-1] - first) / length + 1e-9)
     places = np.searchsorted(record.alpha, first + length * np.arange(count + 1) - 1e-9)
-    told = np.asarray([] if marks is None else marks, dtype=float)
+    passages = np.asarray([] if marks is None else marks, dtype=float)
+    _check_marks(record, passages, turns)
     for begin, end in zip(places[:-1], places[1:], strict=True):
         block = _Block.fitted(record, slice(begin, end), orders)
         if block is not None:
-            found.append(block.from_mark(told, mark_deg, turns))
+            blocks.append(block.from_mark(passages, mark_deg, turns))
     notes = [*record.notes]
-    lost = count - len(found)
-    if lost:
-        notes.append(f"{lost} blocks have too few samples and are left out.")
-    phased = len(told) > 0
-    unmarked = [block for block in found if phased and not block.marked]
+    missing = count - len(blocks)
+    if missing:
+        notes.append(f"{missing} blocks have too few samples and are left out.")
+    phased = len(passages) > 0
+    unmarked = [block for block in blocks if phased and not block.marked]
     if unmarked:
         notes.append(f"{len(unmarked)} blocks have no mark and are left out.")
-        found = [block for block in found if block.marked]
-    if not found:
+        blocks = [block for block in blocks if block.marked]
+    if not blocks:
         raise SceneError(
             f"no block of {cycles} cycles can be read."
             f" {' '.join(notes) or 'Give a longer record.'}"
         )
-    return _averaged(found, orders, step_rpm, phased, tuple(notes))
+    coherent = phased or record.rate is None
+    return _averaged(blocks, orders, step_rpm, phased, coherent, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -192,8 +199,8 @@ class _Record:
     @classmethod
     def of(cls, time: Any, angle: Any, speed: Any, pulses: int | None) -> _Record:
         """Check and complete the samples of a record."""
-        given = {"angle": angle, "speed": speed, "pulses": pulses}
-        names = [name for name, value in given.items() if value is not None]
+        values_of = {"angle": angle, "speed": speed, "pulses": pulses}
+        names = [name for name, value in values_of.items() if value is not None]
         if len(names) != 1:
             raise SceneError(
                 f"{' and '.join(names) or 'nothing'} is given beside time, must be one"
@@ -281,6 +288,21 @@ def _check(
             f"{2 * record.tells:.4g} samples a revolution tell orders up to"
             f" {BETWEEN * record.tells:.3g}, and order {orders[-1]:g} is asked for."
             " Give a lower highest order."
+        )
+
+
+def _check_marks(record: _Record, marks: np.ndarray, turns: float) -> None:
+    """Refuse marks between which the rotor does not turn by a cycle."""
+    inside = marks[(marks >= record.time[0]) & (marks <= record.time[-1])]
+    if len(inside) < 2:
+        return
+    passed = np.interp(inside, record.time, record.alpha) / TURN
+    between = float(np.median(np.diff(passed)))
+    if abs(between - turns) > OFF_MARK * turns:
+        raise SceneError(
+            f"from mark to mark there are {between:.4g} revolutions, must be"
+            f" {turns:g}: a mark comes once per cycle. Correct the number of pulses or"
+            " the scale of the speed, the revolutions of the cycle, or the marks."
         )
 
 
@@ -396,12 +418,12 @@ def _fit_rate(
     matrix = np.hstack([powers, -rate * np.sin(phase), -rate * np.cos(phase)])
     solution, left = _least_squares(matrix, record.rate[part])
     c = solution[DEGREE:].reshape(2, -1)
-    found = c[0] + 1j * c[1]
+    amplitudes = c[0] + 1j * c[1]
     # The angle at the middle is that of the integral of the rate.
     turned = polynomial.polyint(solution[:DEGREE] * scale)
-    vibration = (np.exp(1j * phase) @ found).real
+    vibration = (np.exp(1j * phase) @ amplitudes).real
     turned[0] = np.mean(record.alpha[part] - polynomial.polyval(s, turned) - vibration)
-    return turned, found, left
+    return turned, amplitudes, left
 
 
 def _least_squares(
@@ -423,9 +445,12 @@ def _averaged(
     orders: np.ndarray,
     step_rpm: float,
     phased: bool,
+    coherent: bool,
     notes: tuple[str, ...],
 ) -> MeasuredOrders:
-    """Average blocks in windows of the speed."""
+    """Average blocks in windows of the speed: complex amplitudes, or where these are
+    not ``coherent`` the squares of their sizes.
+    """
     speeds = np.array([block.rpm for block in blocks])
     windows = np.rint(speeds / step_rpm)
     chosen = [windows == window for window in np.unique(windows)]
@@ -435,10 +460,17 @@ def _averaged(
         return np.array([values[window].mean(axis=0) for window in chosen])
 
     counts = np.array([window.sum() for window in chosen])
+    if coherent:
+        angle = mean(lambda block: block.c)
+    else:
+        # The integral of a rate drifts: phases of blocks have no common zero. Noise,
+        # of either part, adds to squares.
+        squares = mean(lambda block: np.abs(block.c) ** 2 - 2 * block.noise**2)
+        angle = np.sqrt(np.maximum(squares, 0.0)).astype(complex)
     return MeasuredOrders(
         rpm=mean(lambda block: block.rpm),
         orders=orders,
-        angle=mean(lambda block: block.c),
+        angle=angle,
         noise=np.sqrt(mean(lambda block: block.noise**2) / counts[:, None]),
         blocks=counts,
         phased=phased,

@@ -65,6 +65,6 @@ def with_blades(element: Any) -> Any:
     for multiple, share, phase in element.blade_orders:
         part = mean * cmath.rect(share, math.radians(phase))
         rows.append((float(multiple * element.blades), part.real, part.imag))
-    own = {"orders_of": "own"} if hasattr(element, "orders_of") else {}
-    changes: dict[str, Any] = {"harmonics": tuple(rows), "blades": None, **own}
+    rotor = {"orders_of": "own"} if hasattr(element, "orders_of") else {}
+    changes: dict[str, Any] = {"harmonics": tuple(rows), "blades": None, **rotor}
     return dataclasses.replace(element, blade_orders=(), **changes)

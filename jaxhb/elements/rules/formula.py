@@ -7,6 +7,7 @@ The text is parsed, never executed: only numbers, names, ``+ - * / **``, ``min``
 from __future__ import annotations
 
 import ast
+import math
 import operator
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -41,7 +42,6 @@ _COMPARED: dict[type, Callable[[Any, Any], Any]] = {
     ast.GtE: operator.ge,
 }
 _FUNCTIONS = {"min": 2, "max": 2, "sqrt": 1, "where": 3}
-_FOR_POWERS = " Write ** for powers."
 
 
 class FormulaError(ValueError):
@@ -58,13 +58,17 @@ class Formula:
 
     def value(self, numbers: Mapping[str, Any]) -> Array:
         """Value of the formula of numbers or arrays by name; differentiable."""
+        import numpy as np
+
         from jaxhb._jax import namespace
 
         xp = namespace(*numbers.values())
         with_arrays = {
             name: xp.asarray(number, dtype=float) for name, number in numbers.items()
         }
-        return _value(self.tree, with_arrays, xp)
+        # Both values of ``where`` are computed, also that which does not count.
+        with np.errstate(all="ignore"):
+            return _value(self.tree, with_arrays, xp)
 
 
 def formula(text: str, known: Collection[str]) -> Formula:
@@ -81,6 +85,8 @@ def formula(text: str, known: Collection[str]) -> Formula:
             f"it has {len(text)} characters, must have at most {LONGEST}. Define parts"
             " of it by names."
         )
+    # A text of several lines is one formula.
+    text = " ".join(text.split())
     source = re.sub(rf"\b{_LAMBDA}\b", _NAMED, text)
     try:
         tree = ast.parse(source, mode="eval").body
@@ -103,7 +109,7 @@ def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -
     """Check a part of a formula and collect the names that it reads."""
     column = node.col_offset + 1
     match node:
-        case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+        case ast.Constant(value=int() | float()) if _is_finite(node.value):
             parts: list[ast.expr] = []
         case ast.Name(id=name):
             name = name.replace(_NAMED, _LAMBDA)
@@ -127,8 +133,11 @@ def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -
                 assert isinstance(condition, ast.Compare)
                 parts = [condition.left, *condition.comparators, *others]
         case _:
-            is_power = isinstance(getattr(node, "op", None), ast.BitXor)
-            hint = _FOR_POWERS * is_power
+            hint = ""
+            if isinstance(getattr(node, "op", None), ast.BitXor):
+                hint = " Write ** for powers."
+            elif isinstance(node, ast.Tuple):
+                hint = " Write decimals with a point."
             raise FormulaError(
                 f"{shown(ast.get_source_segment(text, node) or text)} at column"
                 f" {column} is not understood: a formula has numbers, names, + - * /"
@@ -136,6 +145,14 @@ def _check(node: ast.expr, text: str, known: Collection[str], names: set[str]) -
             )
     for part in parts:
         _check(part, text, known, names)
+
+
+def _is_finite(number: Any) -> bool:
+    """Whether a constant is a finite number, and no truth value."""
+    try:
+        return not isinstance(number, bool) and math.isfinite(number)
+    except OverflowError:  # of an integer of many digits
+        return False
 
 
 def _check_call(called: str, parts: list[ast.expr], column: int, text: str) -> None:

@@ -4,6 +4,7 @@ text in the units that the file states, over spans of the speed ratio lambda.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -70,6 +71,26 @@ class Written:
         """Continuous and transient limit ``(...)`` in Pa."""
         from jaxhb._jax import namespace
 
+        xp = namespace(*vars(section).values(), ratio)
+        ratio = xp.asarray(ratio, dtype=float)
+        begin = 0.0
+        continuous = transient = xp.zeros(())
+        for span in self.spans:
+            # Formulas may have no number beyond their span, as roots.
+            inside = (ratio >= begin) & (ratio <= span.to)
+            numbers = self._numbers(
+                section, xp.where(inside, ratio, (begin + span.to) / 2)
+            )
+            below = span.continuous.value(numbers)
+            passing = span.transient.value(numbers | {"tau_C": below})
+            reached = ratio >= begin
+            continuous = xp.where(reached, self.stress * below, continuous)
+            transient = xp.where(reached, self.stress * passing, transient)
+            begin = span.to
+        return continuous, transient
+
+    def _numbers(self, section: Section, ratio: Array) -> dict[str, Any]:
+        """Numbers that formulas read at speed ratios, in the units of the file."""
         numbers: dict[str, Any] = {
             "d": section.diameter / self.length,
             "b": section.bore / self.length,
@@ -83,18 +104,7 @@ class Written:
         }
         for name, defined in self.defined:
             numbers[name] = defined.value(numbers)
-        xp = namespace(*numbers.values())
-        *others, last = self.spans
-        continuous = last.continuous.value(numbers)
-        transient = last.transient.value(numbers | {"tau_C": continuous})
-        for span in reversed(others):
-            below = span.continuous.value(numbers)
-            within = xp.asarray(ratio) < span.to
-            passing = span.transient.value(numbers | {"tau_C": below})
-            continuous = xp.where(within, below, continuous)
-            transient = xp.where(within, passing, transient)
-        ones = xp.ones_like(xp.asarray(ratio, dtype=float))
-        return self.stress * continuous * ones, self.stress * transient * ones
+        return numbers
 
 
 def barred_range(
@@ -146,6 +156,9 @@ def rule_of(text: str, file: str) -> Rule:
     year = content.get("year")
     if not isinstance(year, int | None) or isinstance(year, bool):
         faults.add(f"year is {shown(year)}, must be a whole number. Correct it.")
+    crankshafts = content.get("crankshafts", True)
+    if not isinstance(crankshafts, bool):
+        faults.add(f"crankshafts is {shown(crankshafts)}, must be true or false.")
     if faults:
         raise SceneError(faults)
     of_year = f", {year}" if year else ""
@@ -164,7 +177,7 @@ def rule_of(text: str, file: str) -> Rule:
         ),
         needs=_needs(defined, spans),
         unread=(),
-        crankshafts=bool(content.get("crankshafts", True)),
+        crankshafts=crankshafts,
         barred=barred,
         range_source=name,
         year=year,
@@ -215,7 +228,11 @@ def _number(
 ) -> float:
     """Read a share of the rated speed."""
     value = content.get(key, default)
-    if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
+    if (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and (0 < value < math.inf)
+    ):
         return float(value)
     faults.add(
         f"{key} is {shown(value)}, must be a number greater than 0, a share of the"
@@ -287,7 +304,7 @@ def _spans(content: Mapping[str, Any], faults: Faults) -> list[Span]:
             isinstance(ends, list)
             and len(ends) == 2
             and all(isinstance(x, int | float) for x in ends)
-            and 0 <= ends[0] < ends[1]
+            and 0 <= ends[0] < ends[1] < math.inf
         ):
             faults.add(
                 f"{where}: lambda is {shown(ends)}, must be [from, to], rising shares"
@@ -333,4 +350,16 @@ def _barred(
         _formula(f"[barred], {key}", table[key], list(OF_RANGES), faults)
         for key in ("low", "high")
     )
-    return None if low is None or high is None else partial(barred_range, low, high)
+    if low is None or high is None:
+        return None
+    rated = 1000.0
+    for critical in (0.3 * rated, 0.6 * rated, 0.9 * rated):
+        ends = [float(end) for end in barred_range(low, high, critical, rated)]
+        if not ends[0] <= critical <= ends[1]:
+            faults.add(
+                f"[barred]: of n_c = {critical:g} rpm with n_0 = {rated:g} rpm low is"
+                f" {ends[0]:.4g} and high is {ends[1]:.4g} rpm, must lie below and"
+                " above n_c. Correct the formulas."
+            )
+            return None
+    return partial(barred_range, low, high)

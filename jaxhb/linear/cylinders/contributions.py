@@ -107,14 +107,14 @@ def cylinder_contributions(
 
 def _without(train: DriveTrain, i: int) -> DriveTrain:
     """The train without the torques of cylinder ``i``."""
-    kept = np.ones(len(train.topology.cylinder_names))
-    kept[i] = 0.0
+    weights = np.ones(len(train.topology.cylinder_names))
+    weights[i] = 0.0
     cylinders = train.cylinders
-    factor = kept if cylinders.gas_factor is None else cylinders.gas_factor * kept
+    factor = weights if cylinders.gas_factor is None else cylinders.gas_factor * weights
     silent = dataclasses.replace(
         cylinders,
         gas_factor=factor,
-        reciprocating_mass=cylinders.reciprocating_mass * kept,
+        reciprocating_mass=cylinders.reciprocating_mass * weights,
     )
     return with_table(train, "cylinder", silent)
 

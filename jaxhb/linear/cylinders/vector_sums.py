@@ -4,6 +4,7 @@ sums, also weighted by the relative amplitudes of modes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,15 +12,15 @@ import numpy as np
 
 from jaxhb._jax import Array, namespace
 from jaxhb.elements.excitations import EXCITATIONS
+from jaxhb.elements.excitations.cylinder import CylinderSeats
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.modal import Modes
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.excitation import turned
 
 ALIKE = 1e-6  # distance of unit vectors up to which two orders have one phase diagram
-MAJOR = (
-    1.0 - 1e-9
-)  # sum over the number of cylinders from which an order is a major one
+# Sum over the number of cylinders from which an order is a major one
+MAJOR = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,8 @@ class VectorSums:
     ----------
     cylinders : tuple of str ``(C,)``; firing_deg : array ``(C,)`` deg, of the own rotor
     orders : array ``(K,)``, of the reference rotor
-    vectors : complex array ``(K, C)``, of length 1; sums : complex array ``(K,)``
+    vectors : complex array ``(K, C)``, of length 1, or 0 of a cylinder whose torque has
+        no such order; sums : complex array ``(K,)``
     modes : array ``(m,)`` of numbers; amplitudes : array ``(m, C)``, angle of the disk
         of each cylinder where the largest of the mode is 1
     mode_sums : complex array ``(m, K)``, sums of amplitudes times vectors
@@ -47,7 +49,8 @@ class VectorSums:
 
     def major(self) -> np.ndarray:
         """Whether each order ``(K,)`` is a major one, all vectors in one direction."""
-        return np.abs(self.sums) >= MAJOR * len(self.cylinders)
+        most = np.abs(self.vectors).sum(axis=1)
+        return (np.abs(self.sums) >= MAJOR * most) & (most > 0)
 
     def diagrams(self) -> list[list[int]]:
         """Numbers of the orders that share a phase diagram, group after group."""
@@ -77,8 +80,9 @@ def vector_sums(
     """Vector sums of the firing angles over the cylinders that fire.
 
     In order n of its own rotor a cylinder that fires at an angle has the vector
-    exp(i n angle): all cylinders have the same torque but for it. Its work in a mode is
-    that vector times the angle of its disk. Phases of the train turn the vectors.
+    exp(i n angle): all cylinders have the same torque but for it. A two-stroke beside a
+    four-stroke has none in half orders. Its work in a mode is that vector times the
+    angle of its disk. Phases of the train turn the vectors.
 
     Parameters
     ----------
@@ -110,9 +114,9 @@ def vector_sums(
         listed = {n for lists in rows for i in firing for n in lists[i]}
         harmonics = np.array(sorted(listed - {0}), dtype=int)
     else:
-        given = np.asarray(orders, dtype=float) * revolutions
-        harmonics = np.round(given).astype(int)
-        odd = [n for n, whole in zip(given, harmonics, strict=True) if n != whole]
+        in_cycles = np.asarray(orders, dtype=float) * revolutions
+        harmonics = np.round(in_cycles).astype(int)
+        odd = [n for n, whole in zip(in_cycles, harmonics, strict=True) if n != whole]
         if odd or (harmonics <= 0).any():
             raise SceneError(
                 f"{where}: orders must be multiples of {1 / revolutions:g} above 0, the"
@@ -130,7 +134,9 @@ def vector_sums(
         xp.ones(len(harmonics) * len(i)) * delay, (len(harmonics), len(i))
     )
     angle = xp.deg2rad(xp.asarray(train.cylinders.firing_angle)[i])
-    vectors = xp.exp(1j * (harmonics[:, None] / turns) * angle) * xp.conj(delay)
+    has_order = harmonics[:, None] % _periods(seats)[i] == 0
+    vectors = has_order * xp.exp(1j * (harmonics[:, None] / turns) * angle)
+    vectors = vectors * xp.conj(delay)
     disks = np.array(seats.disk)[i]
     chosen = np.arange(0 if modes is None else len(modes.frequencies_hz))
     if numbers is not None:
@@ -146,4 +152,17 @@ def vector_sums(
         modes=chosen,
         amplitudes=amplitudes,
         mode_sums=amplitudes @ vectors.T,
+    )
+
+
+def _periods(seats: CylinderSeats) -> np.ndarray:
+    """Harmonics of the cycle ``(C,)`` of which those of the gas torque of each cylinder
+    are multiples.
+    """
+    listed = zip(seats.step, seats.harmonics, seats.orders, seats.turn, strict=True)
+    return np.array(
+        [
+            step or math.gcd(*harmonics, *orders) or max(round(turn), 1)
+            for step, harmonics, orders, turn in listed
+        ]
     )

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from jaxhb.report.files.output import Sheet
 
 _WIDEST = 32  # characters of a column, whose head is broken
-_LONGEST = 31  # characters of the name of a sheet
 DIGITS = 5  # that are shown of the largest number of a column; cells hold all
 
 
@@ -23,11 +21,15 @@ def as_workbook(sheets: Mapping[str, Sheet]) -> list[bytes]:
     """
     import openpyxl
 
+    from jaxhb.scene.workbook.writing import sheet_name
+
     book = openpyxl.Workbook()
     assert book.active is not None  # a new one has a sheet
     book.remove(book.active)
+    titles: set[str] = set()
     for name, table in sheets.items():
-        title = re.sub(r"[\[\]:*?/\\']", "_", name)[:_LONGEST]
+        title = sheet_name(name, titles.__contains__)
+        titles.add(title.casefold())
         _write(book.create_sheet(title), table)
     stream = io.BytesIO()
     book.save(stream)

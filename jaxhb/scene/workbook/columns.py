@@ -24,6 +24,9 @@ _FREE = {"name": "name", "of": "name"}
 _FREE |= dict.fromkeys(("together", "without", "events", "files"), "list")
 """Kinds of keys of tables that have no declared fields; others hold anything."""
 
+NUMBERS = ("number", "count", "shorthand", "numbers")
+"""Kinds of columns of numbers."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -44,9 +47,9 @@ class Column:
     def name(self) -> str:
         """The head without its unit."""
         last = self.path[-1]
-        own = (ENDS[last],) if isinstance(last, int) else ()
-        keys = self.path[:-1] if own else self.path
-        return ".".join((*map(str, keys[:-1]), *(own or map(str, keys[-1:]))))
+        end = (ENDS[last],) if isinstance(last, int) else ()
+        keys = self.path[:-1] if end else self.path
+        return ".".join((*map(str, keys[:-1]), *(end or map(str, keys[-1:]))))
 
     @property
     def head(self) -> str:
@@ -57,6 +60,11 @@ class Column:
     def required(self) -> bool:
         """Whether every row needs a value."""
         return self.field is not None and self.field.default is dataclasses.MISSING
+
+    @property
+    def takes_units(self) -> bool:
+        """Whether a unit in its head is that of the numbers in its cells."""
+        return self.kind in ("", *NUMBERS) or bool(self.kind == "list" and self.unit)
 
     @property
     def row_columns(self) -> tuple[str, ...]:

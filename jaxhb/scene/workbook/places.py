@@ -63,14 +63,14 @@ def _place_of(reader: Reader, path: tuple, text: str) -> Place | None:
     keys = re.match(r"(?:the key ')?(\w+)", text)
     if keys and (*path, keys[1]) in reader.places:
         return reader.places[(*path, keys[1])]
-    own = {
+    inside = {
         inner: place
         for inner, place in reader.places.items()
         if inner[: len(path)] == path and len(inner) > len(path) and inner[-1] != "name"
     }
-    found = re.split(r" (?:Known|Did you mean)\b", text)[0]
-    for quoted in own.values():
-        if isinstance(quoted.value, str) and shown(quoted.value) in found:
+    fault = re.split(r" (?:Known|Did you mean)\b", text)[0]
+    for quoted in inside.values():
+        if isinstance(quoted.value, str) and shown(quoted.value) in fault:
             return quoted
     return reader.places.get(path[:2])
 
@@ -84,7 +84,9 @@ def _of_setting(reader: Reader, path: tuple, rest: str) -> str:
         if keys[:-1] != path:
             continue
         key = str(keys[-1])
-        if shown(key) in text or text.startswith((f"{key} ", f"{key}:")):
+        element, _, field = key.rpartition(".")
+        begins = (f"{key} ", f"{key}:", f"{shown(element)}: {field} ")
+        if shown(key) in text or text.startswith(begins):
             return f"{reader.source}, {inner.text}: {text}"
     place = reader.places.get(path)
     return "" if place is None else f"{reader.source}, {place.text}: {text}"

@@ -194,9 +194,28 @@ class Reader:
                     f"the head {column.name!r} is there twice. Keep one.",
                 )
                 continue
-            units = () if unit in ("", "-", "1", column.unit) else tuple(_split(unit))
+            units = self._units(grid, cell, column, unit)
             heads[column.name] = _Head(column, place, units)
         return list(heads.values())
+
+    def _units(
+        self, grid: Grid, cell: Cell, column: Column, unit: str
+    ) -> tuple[str, ...]:
+        """Units that a head names, if they are not those of its key."""
+        if unit in ("", "-", "1", column.unit):
+            return ()
+        if column.takes_units:
+            return tuple(_split(unit))
+        remedy = "Leave it out"
+        if column.row_columns:
+            remedy = "Write units into the heads of the sheet that a cell names"
+        self._tell(
+            grid.name,
+            f"cell {cell.name}",
+            f"the head names the unit {shown(unit)}, and {column.name} has none."
+            f" {remedy}.",
+        )
+        return ()
 
     def _column(
         self,
@@ -278,7 +297,7 @@ class Reader:
             _Head(Column((name,), "number", unit), k, ())
             for k, (name, unit) in enumerate(zip(names, column.row_units, strict=True))
         ]
-        found = len(self.errors)
+        count = len(self.errors)
         if lines and any(
             isinstance(cell.value, str)
             and isinstance(_number_of(cell), str)
@@ -288,8 +307,10 @@ class Reader:
             heads = self._heads(grid, {head.column.name: head.column for head in heads})
             heads.sort(key=lambda head: names.index(head.column.name))
             lines = lines[1:]
+        else:
+            self._tell_further(grid, names)
         missing = [name for name in names if name not in {h.column.name for h in heads}]
-        if missing and len(self.errors) == found:
+        if missing and len(self.errors) == count:
             self._tell(grid.name, "", f"the column {missing[0]!r} is missing. Give it.")
         rows = []
         places = []
@@ -309,9 +330,35 @@ class Reader:
                     path = ("", grid.name, number, head.column.name)
                     row.append(self._cell(grid, cells[head.place], head, path))
             rows.append(row)
-        if len(self.errors) > found:
+        if len(self.errors) > count:
             return Unread(), ()
         return rows, tuple(places)
+
+    def _tell_further(self, grid: Grid, names: Sequence[str]) -> None:
+        """Tell the first value beside the columns of rows that have no heads."""
+        beside = (cell for row in grid.rows for cell in row[len(names) :])
+        cell = next((cell for cell in beside if not cell.empty), None)
+        if cell is not None:
+            self._tell(
+                grid.name,
+                f"cell {cell.name}",
+                f"rows have the columns {', '.join(names)}, and there are more. Give"
+                " each column a head, a remark one that begins with #.",
+            )
+
+    def _key(self, grid: Grid, cell: Cell, present: Mapping[str, Any]) -> str:
+        """Key in a cell beside a value, "" where it has a sentence: a key that is
+        missing, or one of those that are ``present``.
+        """
+        fault = cell.fault
+        if cell.empty:
+            fault = "the key of the row is missing. Give it, or delete the row."
+        elif str(cell.value) in present:
+            fault = f"{shown(str(cell.value))} is there twice. Keep one."
+        if fault:
+            self._tell(grid.name, f"cell {cell.name}", fault)
+            return ""
+        return str(cell.value)
 
     def _settings(self, grid: Grid, columns: Mapping[str, Column]) -> dict[str, Any]:
         """Keys and values, below each other in the first two columns of a sheet."""
@@ -322,14 +369,19 @@ class Reader:
                 continue
             if len(cells) < 2 or cells[1].empty:
                 continue
-            name, unit = name_and_unit(str(first.value))
+            written = self._key(grid, first, {})
+            if not written:
+                continue
+            name, unit = name_and_unit(written)
             column = columns.get(name)
             units: tuple[str, ...] = ()
             if column is None:
-                column = free_column(str(first.value))
-            elif unit not in ("", "-", column.unit):
-                units = (unit,)
+                column = free_column(written)
+            else:
+                units = self._units(grid, first, column, unit)
             key = str(column.path[0])
+            if not self._key(grid, Cell(key, first.name), settings):
+                continue
             place = (grid.name, key)
             settings[key] = self._cell(grid, cells[1], _Head(column, 1, units), place)
         return settings
@@ -359,9 +411,14 @@ class Reader:
         heads, *lines = grid.rows
         scenarios: dict[str, Any] = {}
         for place, head in enumerate(heads):
-            if place == 0 or head.empty or str(head.value).startswith("#"):
+            if place == 0 or str(head.value).startswith("#"):
                 continue
-            name = str(head.value)
+            if head.empty:
+                self._tell_headless(grid, place)
+                continue
+            name = self._key(grid, head, scenarios)
+            if not name:
+                continue
             values = scenarios.setdefault(name, {})
             self.places["scenario", name] = Place(
                 f"sheet {grid.name}, cell {head.name}"
@@ -369,7 +426,9 @@ class Reader:
             for cells in lines:
                 if cells[place].empty:
                     continue
-                key = str(cells[0].value)
+                key = self._key(grid, cells[0], values)
+                if not key:
+                    continue
                 column = _Head(free_column(key), place, ())
                 path = ("scenario", name, key)
                 values[key] = self._cell(grid, cells[place], column, path)

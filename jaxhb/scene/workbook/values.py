@@ -11,10 +11,9 @@ from typing import Any
 from jaxhb.elements.sentences import shown
 from jaxhb.elements.units import has_unit
 from jaxhb.scene.csv_tables import THOUSANDS
-from jaxhb.scene.workbook.columns import Column
+from jaxhb.scene.workbook.columns import NUMBERS, Column
 
 _TEXTS = ("name", "disk", "pair", "cylinder", "text", "choice", "rows", "tables")
-_NUMBERS = ("number", "count", "shorthand", "numbers")
 _QUANTITY = re.compile(
     r"([+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?)(\s*[A-Za-zµμ°%‰].*|\s+1\s*/.*)?"
 )
@@ -37,21 +36,21 @@ def value_of(cell: Any, column: Column, units: tuple[str, ...] = ()) -> Any:
     if isinstance(cell, str):
         literal = _literal(cell)
         if literal is not None:
-            return literal
+            return _with_units(literal, units)
     if column.kind in _TEXTS:
         return _text(cell)
     if column.kind == "list" and not column.unit:
         return _parts(cell) if isinstance(cell, str) else [_text(cell)]
     if column.kind == "flag":
         return _listed(cell, lambda part, _: _flag(part))
-    if column.kind in _NUMBERS:
+    if column.kind in NUMBERS:
         several = column.kind == "numbers"
         return _listed(
             cell, lambda part, k: _number(part, units[k : k + 1] or units[:1]), several
         )
     if column.kind == "list":
         return _listed(cell, lambda part, _: _number(part, units[:1]), True)
-    return _anything(cell)
+    return _with_units(_anything(cell), units)
 
 
 def cell_of(value: Any, column: Column) -> Any:
@@ -108,6 +107,16 @@ def _number(cell: Any, units: tuple[str, ...]) -> Any:
     if units and units[0]:
         return f"{value!r} {units[0]}"
     return value
+
+
+def _with_units(value: Any, units: tuple[str, ...]) -> Any:
+    """Numbers of a value, of a list one after another, with the units of a head."""
+    if isinstance(value, list):
+        return [
+            _with_units(part, units[k : k + 1] or units[:1])
+            for k, part in enumerate(value)
+        ]
+    return value if isinstance(value, str) else _number(value, units)
 
 
 def _listed(cell: Any, read: Any, always: bool = False) -> Any:

@@ -5,7 +5,7 @@ cell may hold, rows of numbers on sheets of their own.
 import io
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -246,14 +246,12 @@ class _Writer:
         """Name of the sheet of some content, the same for equal content."""
         key = json.dumps(content, default=str)
         if key not in self._sheets:
-            taken = {name.casefold() for name in self._sheets.values()}
-            taken |= {*TABLES, *BESIDE, NOTES}
-            plain = re.sub(r"[\[\]:*?/\\']", "_", base).strip().lstrip("#") or "rows"
-            name = plain[:_LONGEST]
-            number = 1
-            while name.casefold() in taken or name.startswith(_OF_SETTINGS):
-                number += 1
-                name = f"{plain[: _LONGEST - 4]} {number}"
+            names = {name.casefold() for name in self._sheets.values()}
+            names |= {*TABLES, *BESIDE, NOTES}
+            name = sheet_name(
+                base.strip().lstrip("#"),
+                lambda name: name in names or name.startswith(_OF_SETTINGS),
+            )
             self._sheets[key] = name
         return self._sheets[key]
 
@@ -300,6 +298,19 @@ class _Writer:
                 if key in values:
                     value = cell_of(values[key], free_column(key))
                     set_cell(sheet.cell(number, place), value)
+
+
+def sheet_name(text: str, is_taken: Callable[[str], bool]) -> str:
+    """Name of a sheet after a text, in letters and length as spreadsheet programs take
+    it, and with a number where ``is_taken`` says so of its small letters.
+    """
+    plain = re.sub(r"[\[\]:*?/\\']", "_", text) or "rows"
+    name = plain[:_LONGEST]
+    number = 1
+    while is_taken(name.casefold()):
+        number += 1
+        name = f"{plain[: _LONGEST - 4]} {number}"
+    return name
 
 
 def set_cell(cell: Any, value: Any) -> None:
