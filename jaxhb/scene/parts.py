@@ -17,6 +17,7 @@ from typing import Any
 from jaxhb.elements.declared import Unread
 from jaxhb.elements.elements import TABLES
 from jaxhb.elements.sentences import cut, shown, suggestion
+from jaxhb.elements.units import si_value
 from jaxhb.elements.values import field_errors
 from jaxhb.scene.input_files import Missing, Unreadable, read_text
 
@@ -221,7 +222,9 @@ def _sound_keys(
                 f"{where}: unknown key {shown(key)}.{suggestion(key, allowed)}"
             )
             continue
-        faults = field_errors(where, allowed[key], value)
+        # Texts with units stay as they are written: copies of the scene have them.
+        number = si_value(TABLES[table], allowed[key], value)
+        faults = field_errors(where, allowed[key], number)
         errors += faults or []
         keys[key] = value if faults is None else Unread()
     return keys
