@@ -369,7 +369,7 @@ def moved_ranges(
     numbers stay: :func:`read_tolerances` tells their faults.
     """
     ranges = {}
-    for name, entry in train.tolerance.items():
+    for name, entry in _entries(train.tolerance):
         value = float(train.value(name)) if name in values else 0.0
         ends = entry.get("range") if isinstance(entry, dict) else None
         if not value or not isinstance(ends, list):

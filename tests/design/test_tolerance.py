@@ -280,6 +280,9 @@ def test_ranges_with_units_move_with_a_design_in_si():
     assert list(moved) == ["a|b.stiffness"]
     assert moved["a|b.stiffness"]["range"] == pytest.approx([12e3, 14e3], rel=ALGEBRAIC)
     assert moved["a|b.stiffness"]["together"] == ["a.inertia"]
+    dotted = pair({"a": {"inertia": {"range": ["0.9 kg m2", 1.2]}}})
+    moved = moved_ranges(dotted, {"a.inertia": 2.0})
+    assert moved["a.inertia"]["range"] == pytest.approx([1.8, 2.4], rel=ALGEBRAIC)
 
 
 def absorbed():
