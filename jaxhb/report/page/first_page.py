@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.linear.strength import Strength
+from jaxhb.linear.strength import BarredRange, Strength
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
 from jaxhb.report.page.judgement import reversing
@@ -255,11 +255,16 @@ def _barred_ranges(strengths: Mapping[str, Strength]) -> dict[str, list[Range]]:
     """Collect the barred ranges of every shaft that has one, of all cases together."""
     ranges: dict[str, list[Range]] = {}
     for strength in strengths.values():
-        for name, barred in strength.barred.items() if len(strength.rpm) > 1 else ():
+        for name, barred in _ranges_of(strength).items():
             bands = [(float(band.bar_low), float(band.bar_high)) for band in barred]
             if bands:
                 ranges.setdefault(name, []).extend(bands)
     return {name: _joined(bands) for name, bands in ranges.items()}
+
+
+def _ranges_of(strength: Strength) -> Mapping[str, tuple[BarredRange, ...]]:
+    """Barred ranges of every shaft; none of one speed."""
+    return strength.barred if len(strength.rpm) > 1 else {}
 
 
 def _barred(strengths: Mapping[str, Strength]) -> list[str]:
@@ -334,7 +339,8 @@ def compliance(report: Report) -> list[Block]:
     if not shares:
         return []  # the result says so
     strength = report.strengths[report.cases[0].title]
-    passing = {row.element for row in _passing(report.strengths)}
+    late = {row.element for row in _passing(report.strengths)}
+    late |= _refused_ranges(report.strengths)
     bands = _barred_ranges(report.strengths)
     rows = [
         (
@@ -344,7 +350,7 @@ def compliance(report: Report) -> list[Block]:
             _share(share.share),
             f"{share.rpm:g}",
             share.case,
-            _statement(share, key == "stresses" and name in bands, name in passing),
+            _statement(share, key == "stresses" and name in bands, name in late),
         )
         for (key, name), share in shares.items()
     ]
@@ -376,8 +382,25 @@ def rule_of(strength: Strength, key: str, name: str) -> str:
     return LIMITED[key].rule
 
 
+def _refused_ranges(strengths: Mapping[str, Strength]) -> set[str]:
+    """Find the shafts with a barred range at speeds at which their rule accepts
+    none.
+    """
+    refused = set()
+    for strength in strengths.values():
+        for name, ranges in _ranges_of(strength).items():
+            rule = strength.known[strength.rules[name]]
+            rated = strength.rated_rpm
+            assert rated is not None  # rules are those of a rated speed
+            if not all(each.accepted_by(rule, rated) for each in ranges):
+                refused.add(name)
+    return refused
+
+
 def _statement(share: Share, barred: bool, late: bool) -> str:
-    """State whether an element complies."""
+    """State whether an element complies; ``late``: a stress is above the limit of
+    passing, or a range barred where none is accepted.
+    """
     if late:
         return "does NOT comply"
     if share.share <= 1:
