@@ -4,6 +4,7 @@ in which operating modes.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from jaxhb.report.text.strength import (
 )
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.report.units import shown_unit
+from jaxhb.results.answers import with_gaps
 
 ROWS = 18  # rows of the table on the first page
 WITHIN = "within"
@@ -432,6 +434,34 @@ def _largest_of(quantity: Quantity) -> str:
     return f"{title}," if "," in title else title
 
 
+def _hardest_cells(report: Report, case: Case, quantity: Quantity) -> list[Any]:
+    """Cells of the largest number of a case: value, speed and element; of linear trains
+    at the speeds between those given, too, as everywhere on the page.
+    """
+    nothing = [np.nan, NONE, NONE]
+    if not (report.is_linear and case.title in report.responses):
+        hardest = hardest_of([case])
+        if hardest is None:
+            return nothing
+        return [
+            quantity.factor * hardest.value,
+            f"{hardest.answer.rpm:g}",
+            hardest.name,
+        ]
+    response = with_gaps(report.responses[case.title])
+    values = np.array(
+        [
+            np.asarray(quantity.signal(response, name).half_peak_to_peak, float)
+            for name in quantity.names
+        ]
+    )
+    if not np.isfinite(values).any():
+        return nothing
+    element, place = np.unravel_index(np.nanargmax(values), values.shape)
+    rpm = f"{response.rpm[place]:g}"
+    return [quantity.factor * values[element, place], rpm, quantity.names[element]]
+
+
 def operating_modes(report: Report) -> list[Block]:
     """List the cases that are computed, with their largest number, and what is taken of
     cylinders that do not fire.
@@ -439,12 +469,7 @@ def operating_modes(report: Report) -> list[Block]:
     quantity = quantities.main_quantity(report.train)
     rows = []
     for case in [*report.cases, *report.seconds]:
-        hardest = hardest_of([case])
-        cells = (
-            [quantity.factor * hardest.value, f"{hardest.answer.rpm:g}", hardest.name]
-            if hardest
-            else [np.nan, NONE, NONE]
-        )
+        cells = _hardest_cells(report, case, quantity)
         answered = sum(answer.answered for answer in case.answers)
         speeds = f"{report.rpm[0]:g}"
         if len(report.rpm) > 1:
