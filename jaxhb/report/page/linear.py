@@ -27,6 +27,7 @@ from jaxhb.report.page.parts import ROWS, Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.table import Table
 from jaxhb.report.text.forced import (
+    ElementKey,
     ElementReading,
     WorstMisfire,
     by_kind,
@@ -60,14 +61,17 @@ NEGLIGIBLE = 0.01
 
 
 def modes(report: Report) -> list[Block]:
-    """Show natural frequencies, and the shapes of the modes that the orders reach."""
-    rpm = max(report.rpm)
+    """Show natural frequencies at the rated speed, without one at the highest, and the
+    shapes of the modes that the orders reach.
+    """
+    top = max(report.rpm)
+    rpm = report.train.topology.rated_rpm or top
     train = at_speed(report.train, rpm)
     remark = f"Stiffness and damping that depend on the speed are those at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
-    highest = max(excited_orders(train, rpm=np.array([rpm])), default=0.0) * rpm / 60
+    highest = max(excited_orders(train, rpm=np.array([top])), default=0.0) * top / 60
     reached = sum(natural.frequencies_hz[k] <= highest for k in elastic)
     shown = elastic[: min(max(reached, TOGETHER), MOST)]
     sheets = [shown[i : i + TOGETHER] for i in range(0, len(shown), TOGETHER)]
@@ -181,7 +185,7 @@ def forced(report: Report) -> list[Block]:
     for element in chosen:
         governing = misfires
         if worst:
-            title = worst[element.name].cylinder
+            title = worst[element.key].cylinder
             governing = {title: misfires[title]}
         blocks.append(orders_figure(first, element, governing, normal))
     for title, response in responses.items():
@@ -216,7 +220,7 @@ def _worst(
     first: ForcedResponse,
     misfires: Mapping[str, ForcedResponse],
     elements: Sequence[ElementReading],
-) -> dict[str, WorstMisfire] | None:
+) -> dict[ElementKey, WorstMisfire] | None:
     """Find the worst misfire of every element by the titles of cases, as
     :func:`worst_of`; None where none has an answer.
     """
