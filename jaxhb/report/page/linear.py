@@ -60,12 +60,17 @@ TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it 
 NEGLIGIBLE = 0.01
 
 
-def modes(report: Report) -> list[Block]:
-    """Show natural frequencies at the rated speed, without one at the highest, and the
-    shapes of the modes that the orders reach.
+def speed_of_modes(report: Report) -> float:
+    """Speed (rpm) of the modes of trains that depend on it: the rated one, else the
+    highest.
     """
+    return report.train.topology.rated_rpm or max(report.rpm)
+
+
+def modes(report: Report) -> list[Block]:
+    """Show natural frequencies, and the shapes of the modes that the orders reach."""
     top = max(report.rpm)
-    rpm = report.train.topology.rated_rpm or top
+    rpm = speed_of_modes(report)
     train = at_speed(report.train, rpm)
     remark = f"Stiffness and damping that depend on the speed are those at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
@@ -140,7 +145,7 @@ def campbell(report: Report) -> list[Block]:
     )
     # Of constant trains another part has the natural frequencies.
     first, *parts, last = campbell_parts(main, count, misfires, names)
-    natural, _, _ = modes_of(at_speed(report.train, high), LOWEST)
+    natural, _, _ = modes_of(at_speed(report.train, speed_of_modes(report)), LOWEST)
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
         *[first] * report.train.topology.depends_on_speed,

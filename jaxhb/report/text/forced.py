@@ -523,9 +523,7 @@ def forced_record(
     }
     record = records.pop("")
     if worst:
-        rows = {
-            reading.csv_name: _worst_record(reading, worst) for reading in readings
-        }
+        rows = {reading.csv_name: _worst_record(reading, worst) for reading in readings}
         hardest = rows[hardest_of(readings, worst).csv_name]
         # The name of the element is the key of its row.
         rows = {
