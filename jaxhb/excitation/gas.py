@@ -470,7 +470,7 @@ def _grids(
             yield i, f"load {lies}", float(share[i]), load, ""
     for k, i in enumerate(tables.seats if tables is not None else ()):
         assert tables is not None  # it has seats
-        grid = tables.grid[k][: tables.sizes[k][0]]
-        mean_pressure = float(tables.imep[k] * share[i])
+        grid = 1e-5 * tables.grid[k][: tables.sizes[k][0]]
+        mean_pressure = 1e-5 * float(tables.imep[k] * share[i])
         quantity = "mean indicated pressure lies outside the tangential pressures"
-        yield i, quantity, mean_pressure, grid, " Pa"
+        yield i, quantity, mean_pressure, grid, " bar"

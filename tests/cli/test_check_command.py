@@ -213,6 +213,25 @@ def test_check_tells_mass_crank_pressure_and_power_of_every_cylinder(run_once):
         np.testing.assert_allclose(power, mean * 2 * np.pi * rpm / 60, rtol=1e-12)
 
 
+ONE_CYLINDER = (
+    'damping = 1\n[[load]]\ndisk = "b"\n[[cylinder]]\ndisk = "a"\ngas_torque = []\n'
+    "gas_torque_mean = 50\n"
+)
+
+
+@pytest.mark.parametrize("rated", [None, 1200.0])
+def test_check_tells_the_power_of_a_constant_torque_at_the_rated_speed(
+    here, run, rated
+):
+    scene = "[scene]\nrevolutions_per_cycle = 2\n"
+    scene += f"rated_rpm = {rated}\n" if rated else ""
+    (here / "one.toml").write_text(f"{TWO}stiffness = 1e4\n{ONE_CYLINDER}{scene}")
+    words = run("check one.toml").words
+    assert ("and the power" in words) == bool(rated)
+    assert ("kW at 1200 rpm" in words) == bool(rated)
+    assert (f"{50.0 * 2e-3 * np.pi * 20.0:.4g}" in words) == bool(rated)
+
+
 def test_tangential_pressures_of_check_are_read_back(here, run):
     """The CSV file in the place of the combustion gives the same torques."""
     train = jaxhb.load_scene("first_scene")

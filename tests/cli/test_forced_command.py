@@ -306,7 +306,7 @@ def test_the_worst_misfire_is_that_with_the_largest_share_of_a_limit(run, two_st
         "share": pytest.approx(shares["cylinder 1"][2], rel=1e-9),
         "firing_share": pytest.approx(shares[""][2], rel=1e-9),
     }
-    sentence = f"{worst['share']:.2f} of the continuous limit of stress; "
+    sentence = f"stress {worst['share']:.2f} of the continuous limit; "
     assert sentence in completed.out
 
 

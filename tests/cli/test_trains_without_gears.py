@@ -8,12 +8,14 @@ import pytest
 import jaxhb
 from jaxhb.cli import commands
 from jaxhb.report import compute
+from jaxhb.report.answer import Case
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.output import OutputError, write_files
 from jaxhb.report.selection import hardest_shaft
+from jaxhb.report.text.cases import speed_tables
 
 DISK = """
 disk = [{ name = "hub", inertia = 0.5, damping = 1.0 }]
@@ -59,6 +61,13 @@ def test_a_train_of_a_disk_and_a_damper_works_in_every_command(command, scene, r
     completed = run(line, "json", "plot")
     completed.check_printed(f"{command}_disk_and_damper")
     assert completed.json
+
+
+def test_a_train_without_teeth_has_no_columns_with_and_without_backlash(scene):
+    train = jaxhb.load_scene(scene(DISK, DAMPER, "stages = [[0.5, 1e5]]\n"))
+    answer = answer_one(train, 1000.0, Asked())
+    tables = speed_tables([Case("as it is", [answer])], 0)
+    assert tables[0].heads == ["shaft", "N m"]
 
 
 @pytest.mark.parametrize("command", ["solve", "sweep"])

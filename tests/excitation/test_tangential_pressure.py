@@ -124,7 +124,7 @@ def test_what_the_table_does_not_cover_is_noted():
     assert train.outside_traces(1000.0) == []
     assert train.outside_traces(500.0) == [
         "the mean indicated pressure lies outside the tangential pressures of 'c'"
-        " (1e+06 to 2e+06 Pa): the nearest is used"
+        " (10 to 20 bar): the nearest is used"
     ]
     close(row(train, 500.0)[1:], 0.5 * SIZE * np.array([3e5 - 1e5j, 1e5 - 5e4j]))
     for change in (lambda: train.misfire("c"), train.misfires):

@@ -67,7 +67,7 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     strengths = {name: jaxhb.strength(response) for name, response in cases.items()}
     worst = worst_of(cases, shown, strengths)
     stress = figures_of(plot_forced, cases, shown, worst)[2]
-    cylinder = worst["line shaft"].cylinder
+    cylinder = worst["shafts", "line shaft"].cylinder
     expected = (
         jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
     )

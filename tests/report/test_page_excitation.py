@@ -143,6 +143,19 @@ def test_a_combustion_model_is_told_by_its_numbers():
     assert numbers["combustion: compression ratio"] == "17"
 
 
+def test_a_unit_at_the_end_of_a_name_is_not_told_twice(tmp_path):
+    scene = tmp_path / "fan.toml"
+    scene.write_text(
+        '[[disk]]\nname = "fan"\ninertia = 1\n[[load]]\ndisk = "fan"\nlaw ='
+        ' "propeller"\nrated_torque = 9\nrated_rpm = 900\n[[torque]]\ndisk = "fan"\n'
+        "mean = 9\n[scene]\nrevolutions_per_cycle = 1\n"
+    )
+    assert tables_of(scene, [900.0])["Loads"].heads[-2:] == [
+        "rated torque N m",
+        "rated rpm",
+    ]
+
+
 @pytest.mark.slow
 def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
     combustion = jaxhb.Combustion(

@@ -23,6 +23,7 @@ from jaxhb.report.page.first_page import (
     rule_of,
 )
 from jaxhb.report.page.judgement import for_readers, notes_of
+from jaxhb.report.page.linear import modes
 from jaxhb.report.page.motion import motions
 from jaxhb.report.page.page import as_page
 from jaxhb.report.page.parts import Report
@@ -297,3 +298,19 @@ def tables_of(blocks):
     from jaxhb.report.table import Table
 
     return [block for block in blocks if isinstance(block, Table)]
+
+
+@pytest.mark.parametrize("rated", [None, 900.0])
+def test_modes_of_the_page_are_those_of_the_rated_speed(rated):
+    """Without a rated speed those of the highest."""
+    stiffness = [(300.0, 1e4), (900.0, 3e4), (1200.0, 9e4)]
+    parts = [
+        jaxhb.Disk(name="a", inertia=1.0),
+        jaxhb.Disk(name="b", inertia=1.0),
+        jaxhb.Shaft(between=("a", "b"), stiffness_over_rpm=stiffness),
+        jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
+    ]
+    train = jaxhb.build(parts, revolutions_per_cycle=1, rated_rpm=rated)
+    table, *_ = modes(Report(solve_cases({"": train}, [300.0, 1200.0], Asked())))
+    expected = np.sqrt(2 * dict(stiffness)[rated or 1200.0]) / (2 * np.pi)
+    assert f"{expected:.2f}" in str(table)

@@ -20,6 +20,13 @@ from jaxhb.report.page.parts import Report
 from jaxhb.report.selection import case_title
 from jaxhb.report.table import Table
 from jaxhb.report.text.cases import misfires_text, worst_misfire, worst_misfires
+from jaxhb.report.text.forced import (
+    forced_record,
+    forced_text,
+    hardest_of,
+    readings,
+    worst_of,
+)
 
 SPEEDS = [80.0, 85.0, 120.0]
 SHAFT = "intermediate"
@@ -161,3 +168,81 @@ def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
         )
         assert line.endswith(f"{cylinder} cut off")
         assert f" {shares[0]:.2f} " in line
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Responses of an engine with a damper by the cylinder that does not fire, and what
+    is judged of them; the disk of its load has a limit, the coupling another one.
+    """
+    parts = [
+        jaxhb.Disk(name="e", inertia=1.0, damping=1.0),
+        jaxhb.Disk(name="g", inertia=2.0, speed_irregularity_limit=0.001),
+        jaxhb.Damper(name="d", disk="e", inertia=0.2, damping=20.0),
+        jaxhb.Shaft(
+            name="c",
+            between=("e", "g"),
+            stiffness=1e4,
+            damping=5.0,
+            vibratory_torque=100.0,
+        ),
+        jaxhb.Load(disk="g"),
+    ]
+    parts += [
+        jaxhb.Cylinder(
+            name=name,
+            disk="e",
+            firing_angle=angle,
+            gas_torque_mean=50.0,
+            gas_torque=[(0.5, size, 0.0), (1.0, 200.0, 0.0)],
+        )
+        for name, angle, size in (("one", 0.0, 100.0), ("two", 360.0, 150.0))
+    ]
+    train = jaxhb.build(parts, revolutions_per_cycle=2)
+    cases = {"": train} | train.misfires()
+    responses = {
+        name: jaxhb.forced_response(case, rpm=[800.0, 1000.0])
+        for name, case in cases.items()
+    }
+    strengths = {name: jaxhb.strength(each) for name, each in responses.items()}
+    return responses, strengths
+
+
+def test_a_ring_has_the_misfire_of_its_angle_its_damper_that_of_its_torque(small):
+    responses, strengths = small
+    elements = readings(responses[""])
+    worst = worst_of(responses, elements, strengths)
+    record = forced_record(responses, elements, strengths, worst)["worst_misfires"]
+    for head, signal, read in (
+        ("d angle", "angle", lambda response: response.disk("d")),
+        ("d", "torque", lambda response: response.torque("d")),
+    ):
+        largest = {
+            name: float(np.max(read(each).half_peak_to_peak))
+            for name, each in responses.items()
+            if name
+        }
+        assert record[head]["quantity"] == signal
+        assert record[head]["cylinder"] == max(largest, key=largest.get)
+        assert record[head]["value"] == pytest.approx(max(largest.values()), rel=1e-12)
+
+
+def test_limits_of_disks_count_in_the_worst_misfire_and_are_told_by_name(small):
+    responses, strengths = small
+    elements = readings(responses[""])
+    worst = worst_of(responses, elements, strengths)
+    shares = {
+        name: each.irregularities["g"].value / 0.001
+        for name, each in strengths.items()
+        if name
+    }
+    share = max(values.max() for values in shares.values())
+    coupling = worst["shafts", "c"].share.share
+    assert 1.0 < coupling < share
+    assert worst["disks", "g"].share.share == pytest.approx(share, rel=1e-12)
+    assert hardest_of(elements, worst).name == "g"
+    told = " ".join(forced_text(responses, elements, worst, each=False).split())
+    assert f"cyclic irregularity {share:.2f} of its limit;" in told
+    links = [element for element in elements if element.kind == "shafts"]
+    told = " ".join(forced_text(responses, links, worst, each=False).split())
+    assert f", {coupling:.2f} of the permissible vibratory torque;" in told

@@ -41,7 +41,7 @@ from jaxhb.report.quantities import (
     shaft_torques,
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
-from jaxhb.report.text.forced import by_kind
+from jaxhb.report.text.forced import by_kind, kind_of
 from jaxhb.report.text.identified import largest_orders
 from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from jaxhb.design.signals.orders import MeasuredOrders
     from jaxhb.design.worst_case import Spread
     from jaxhb.report.figures.draw import Picture
-    from jaxhb.report.text.forced import ElementReading, WorstMisfire
+    from jaxhb.report.text.forced import ElementKey, ElementReading, WorstMisfire
 
 ASTRIDE = 1e-9  # share of a speed by which it is left or right of a step
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
@@ -359,7 +359,7 @@ MOST = 4  # elements, or orders, in one picture
 def plot_forced(
     cases: Mapping[str, ForcedResponse],
     elements: Sequence[ElementReading],
-    worst: Mapping[str, WorstMisfire] | None = None,
+    worst: Mapping[ElementKey, WorstMisfire] | None = None,
 ) -> Picture:
     """Draw half peak-to-peak, sum of amplitudes and the largest orders of up to four
     elements over the speed; limits.
@@ -380,22 +380,23 @@ def plot_forced(
     chosen = answered if few else hardest_elements(answered)
     judged = strength(response)
 
-    def worst_misfire(name: str) -> dict[str, ForcedResponse]:
+    def worst_misfire(element: ElementKey) -> dict[str, ForcedResponse]:
         """Return the response with the worst misfire of an element, by its title."""
         if not worst:
             return {}
-        cylinder = worst[name].cylinder
+        cylinder = worst[element].cylinder
         misfire = cases[cylinder]
         return {case_title(train_of(misfire), cylinder): misfire}
 
     figures = [
-        orders_figure(response, element, worst_misfire(element.name))
+        orders_figure(response, element, worst_misfire(element.key))
         for element in chosen
     ]
     names = {element.name for element in elements}
     for key, name in judged_elements(judged, names, each=few):
         misfires = {
-            title: strength(misfire) for title, misfire in worst_misfire(name).items()
+            title: strength(misfire)
+            for title, misfire in worst_misfire((kind_of(LIMITED[key]), name)).items()
         }
         figures.append(limit_figure({"": judged} | misfires, key, name, train))
     return drawn(*figures, title=train_name(response.topology))

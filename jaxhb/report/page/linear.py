@@ -27,6 +27,7 @@ from jaxhb.report.page.parts import ROWS, Block, Heading, Report, without
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.table import Table
 from jaxhb.report.text.forced import (
+    ElementKey,
     ElementReading,
     WorstMisfire,
     by_kind,
@@ -59,15 +60,23 @@ TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it 
 NEGLIGIBLE = 0.01
 
 
+def speed_of_modes(report: Report) -> float:
+    """Speed (rpm) of the modes of trains that depend on it: the rated one, else the
+    highest.
+    """
+    return report.train.topology.rated_rpm or max(report.rpm)
+
+
 def modes(report: Report) -> list[Block]:
     """Show natural frequencies, and the shapes of the modes that the orders reach."""
-    rpm = max(report.rpm)
+    top = max(report.rpm)
+    rpm = speed_of_modes(report)
     train = at_speed(report.train, rpm)
     remark = f"Stiffness and damping that depend on the speed are those at {rpm:g} rpm."
     natural, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
-    highest = max(excited_orders(train, rpm=np.array([rpm])), default=0.0) * rpm / 60
+    highest = max(excited_orders(train, rpm=np.array([top])), default=0.0) * top / 60
     reached = sum(natural.frequencies_hz[k] <= highest for k in elastic)
     shown = elastic[: min(max(reached, TOGETHER), MOST)]
     sheets = [shown[i : i + TOGETHER] for i in range(0, len(shown), TOGETHER)]
@@ -136,7 +145,7 @@ def campbell(report: Report) -> list[Block]:
     )
     # Of constant trains another part has the natural frequencies.
     first, *parts, last = campbell_parts(main, count, misfires, names)
-    natural, _, _ = modes_of(at_speed(report.train, high), LOWEST)
+    natural, _, _ = modes_of(at_speed(report.train, speed_of_modes(report)), LOWEST)
     return [
         campbell_figure(normal, count, report.cases[0].title, names),
         *[first] * report.train.topology.depends_on_speed,
@@ -181,7 +190,7 @@ def forced(report: Report) -> list[Block]:
     for element in chosen:
         governing = misfires
         if worst:
-            title = worst[element.name].cylinder
+            title = worst[element.key].cylinder
             governing = {title: misfires[title]}
         blocks.append(orders_figure(first, element, governing, normal))
     for title, response in responses.items():
@@ -216,7 +225,7 @@ def _worst(
     first: ForcedResponse,
     misfires: Mapping[str, ForcedResponse],
     elements: Sequence[ElementReading],
-) -> dict[str, WorstMisfire] | None:
+) -> dict[ElementKey, WorstMisfire] | None:
     """Find the worst misfire of every element by the titles of cases, as
     :func:`worst_of`; None where none has an answer.
     """

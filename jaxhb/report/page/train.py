@@ -177,6 +177,9 @@ def _columns_of(report: Report, kind: str) -> dict[str, dict[str, str]]:
             if said and UNSAID.get(key) != value:
                 factor, unit = UNITS.get(unit_of(field), (1.0, unit_of(field)))
                 words = key.replace("_", " ").replace(".", ": ")
+                # Some names end with their unit, as rated_rpm.
+                if words.lower().endswith(f" {unit.lower()}"):
+                    words = words[: -len(unit) - 1]
                 head = f"{words} {unit}".rstrip()
                 columns[head][name] = _cell(value, field, factor, files.get(key))
         for key in files.keys() - facts.keys():

@@ -388,7 +388,7 @@ def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
     def swings(quantity: Quantity) -> Table:
         variable = quantity.variable
         columns = [_of(quantity.placeholder, variable)]
-        if not is_linear(train.topology):
+        if any(train.topology.mesh_backlash):
             columns = [
                 _of("with", variable),
                 _of("without", f"{variable}{WITHOUT}"),

@@ -24,6 +24,7 @@ from jaxhb.report.table import Column, Table
 from jaxhb.report.text.columns import NONE, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
 from jaxhb.report.text.strength import (
+    Limited,
     Share,
     at_same_speed,
     largest_shares,
@@ -69,6 +70,15 @@ ADVICE = {
 }
 """Meaning of a status of the linear response where it differs from that of the response
 with backlash.
+"""
+
+
+ElementKey = tuple[str, str]
+"""Kind, as in ``KINDS``, and name of an element."""
+
+KIND_OF_LIMITED = {"disk": "disks", "mesh": "meshes"}
+"""Kinds by the heads of what limits bound; other limits are those of shafts and
+dampers.
 """
 
 
@@ -131,6 +141,13 @@ class ElementReading:
             return np.nan, np.nan
         place = np.nanargmax(swing)
         return swing[place], self.response.rpm[place]
+
+    @property
+    def key(self) -> ElementKey:
+        """Kind and name, which no other element has: a damper and its ring share their
+        name.
+        """
+        return self.kind, self.name
 
     @property
     def csv_name(self) -> str:
@@ -207,7 +224,7 @@ def readings(
 def forced_text(
     cases: Mapping[str, ForcedResponse],
     chosen: Sequence[ElementReading],
-    worst: Mapping[str, WorstMisfire] | None = None,
+    worst: Mapping[ElementKey, WorstMisfire] | None = None,
     *,
     each: bool,
 ) -> str:
@@ -493,7 +510,7 @@ def forced_record(
     cases: Mapping[str, ForcedResponse],
     readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
-    worst: Mapping[str, WorstMisfire] | None = None,
+    worst: Mapping[ElementKey, WorstMisfire] | None = None,
     *,
     orders: float | None = None,
 ) -> dict[str, Any]:
@@ -506,8 +523,8 @@ def forced_record(
     }
     record = records.pop("")
     if worst:
-        rows = {reading.name: _worst_record(reading, worst) for reading in readings}
-        hardest = rows[hardest_of(readings, worst).name]
+        rows = {reading.csv_name: _worst_record(reading, worst) for reading in readings}
+        hardest = rows[hardest_of(readings, worst).csv_name]
         # The name of the element is the key of its row.
         rows = {
             name: {key: row[key] for key in row if key != "of"}
@@ -657,8 +674,8 @@ def worst_of(
     cases: Mapping[str, ForcedResponse],
     readings: Sequence[ElementReading],
     strengths: Mapping[str, Strength],
-) -> dict[str, WorstMisfire]:
-    """The :class:`WorstMisfire` of each element; ``strengths`` as of
+) -> dict[ElementKey, WorstMisfire]:
+    """The :class:`WorstMisfire` of each element, of all its limits; ``strengths`` as of
     :func:`forced_rows`; ``ValueError`` where no speed has an answer.
     """
     misfires = Misfires(
@@ -667,11 +684,10 @@ def worst_of(
     shares = largest_shares({name: strengths[name] for name in misfires.responses})
     worst = {}
     for reading in readings:
-        # The ring of a damper has its name, and no limits.
         limited = [
             (key, share)
             for (key, name), share in shares.items()
-            if name == reading.name and reading.kind != "disks"
+            if (kind_of(share.kind), name) == reading.key
         ]
         if limited:
             key, share = limited[0]
@@ -680,33 +696,38 @@ def worst_of(
                 for case in (cases[share.case], cases[""])
             )
             _, firing_share = at_same_speed(share, key, strengths[""])
-            worst[reading.name] = WorstMisfire(
+            worst[reading.key] = WorstMisfire(
                 share.case, share.rpm, value, firing, share, firing_share
             )
         else:
             most = misfires.worst(reading.swing)
-            worst[reading.name] = WorstMisfire(
+            worst[reading.key] = WorstMisfire(
                 most.cylinder, most.rpm, most.value, most.firing
             )
     return worst
 
 
+def kind_of(limited: Limited) -> str:
+    """The kind of the elements that limits bound."""
+    return KIND_OF_LIMITED.get(limited.element, "shafts")
+
+
 def hardest_of(
-    readings: Sequence[ElementReading], worst: Mapping[str, WorstMisfire]
+    readings: Sequence[ElementReading], worst: Mapping[ElementKey, WorstMisfire]
 ) -> ElementReading:
     """The element that its worst misfire brings nearest to a limit, or beyond; without
     limits that which swings most, of the meshes, without any of the shafts, else of the
     disks.
     """
     shares = {
-        name: misfire.share.share
-        for name, misfire in worst.items()
+        key: misfire.share.share
+        for key, misfire in worst.items()
         if misfire.share is not None
     }
-    limited = [reading for reading in readings if reading.name in shares]
+    limited = [reading for reading in readings if reading.key in shares]
     if limited:
-        return max(limited, key=lambda reading: shares[reading.name])
-    return max(by_kind(readings)[-1], key=lambda reading: worst[reading.name].value)
+        return max(limited, key=lambda reading: shares[reading.key])
+    return max(by_kind(readings)[-1], key=lambda reading: worst[reading.key].value)
 
 
 def hardest_misfire(cases: Mapping[str, ForcedResponse]) -> dict[str, Any] | None:
@@ -752,7 +773,7 @@ def critical_misfire_text(
 def _misfire_parts(
     cases: Mapping[str, ForcedResponse],
     readings: Sequence[ElementReading],
-    worst: Mapping[str, WorstMisfire],
+    worst: Mapping[ElementKey, WorstMisfire],
     each: bool,
 ) -> Iterator[str]:
     """The worst misfire and every misfire, of the element that swings most or of
@@ -795,16 +816,18 @@ def _misfire_parts(
 
 
 def misfire_tables(
-    readings: Sequence[ElementReading], worst: Mapping[str, WorstMisfire], firing: str
+    readings: Sequence[ElementReading],
+    worst: Mapping[ElementKey, WorstMisfire],
+    firing: str,
 ) -> Iterator[Table]:
     """The misfire that governs each element, a table for each kind of element;
     ``firing`` is the title of the train without a misfire.
     """
     for of_kind in by_kind(readings):
         rows: list[list[Any]] = []
-        limited = any(worst[reading.name].share for reading in of_kind)
+        limited = any(worst[reading.key].share for reading in of_kind)
         for reading in of_kind:
-            misfire = worst[reading.name]
+            misfire = worst[reading.key]
             largest, _ = reading.most()
             rows.append(
                 [
@@ -838,10 +861,10 @@ def misfire_tables(
 
 
 def _worst_record(
-    reading: ElementReading, worst: Mapping[str, WorstMisfire]
+    reading: ElementReading, worst: Mapping[ElementKey, WorstMisfire]
 ) -> dict[str, Any]:
     """The record of the worst misfire of an element."""
-    misfire = worst[reading.name]
+    misfire = worst[reading.key]
     record = {
         "cylinder": misfire.cylinder,
         "rpm": misfire.rpm,
@@ -856,6 +879,7 @@ def _worst_record(
         record |= {
             "share": share.share,
             "firing_share": misfire.firing_share,
-            "limit": f"{share.said} of {share.kind.called}",
+            "judged": share.kind.called,
+            "limit": share.said,
         }
     return record

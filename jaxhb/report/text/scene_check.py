@@ -619,14 +619,17 @@ def _cylinder_tables(
     """A row for cylinders with the same numbers, and when each fires, in a list;
     ``speeds`` None where no torque depends on them.
     """
-    cylinders = cylinders_of(train, speeds or [ANY_SPEED])
+    rated = train.topology.rated_rpm
+    cylinders = cylinders_of(train, speeds or [rated or ANY_SPEED])
     if not cylinders:
         return []
     columns: list[Column | str] = ["cylinder", "kg", "radius mm", "litre"]
+    # Where torques do not depend on the speed, only the rated one tells a power.
+    with_power = bool(speeds or rated)
+    power_head = "kW" if speeds or not rated else f"kW at {rated:g} rpm"
     for place in places:
         columns.append(Column("imep bar", group=place))
-        # Where torques do not depend on the speed, none is told, and so no power.
-        columns += [Column("kW", group=place)] * bool(speeds)
+        columns += [Column(power_head, group=place if speeds else "")] * with_power
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, numbers in cylinders.items():
         cells = [
@@ -637,14 +640,14 @@ def _cylinder_tables(
         pressures = numbers["imep_Pa"] or [None] * len(places)
         for pressure, power in zip(pressures, numbers["power_W"], strict=True):
             cells.append(_scaled(pressure, 1e-5))
-            cells += [_scaled(power, 1e-3)] * bool(speeds)
+            cells += [_scaled(power, 1e-3)] * with_power
         alike.setdefault(tuple(cells), []).append(name)
     firing = sorted(cylinders, key=lambda name: cylinders[name]["firing_deg"])
     angles = ", ".join(f"{name} {cylinders[name]['firing_deg']:g}" for name in firing)
     return [
         Table(
             "Of each cylinder: reciprocating mass, crank radius, swept volume, and of"
-            " its gas the mean indicated pressure and the power",
+            f" its gas the mean indicated pressure{' and the power' * with_power}",
             columns,
             [[_together(names), *cells] for cells, names in alike.items()],
         ),

@@ -390,7 +390,13 @@ def misfire_text(worst: Mapping[str, Any], firing: str, swing: str = "") -> str:
     value = f"{plain_number(factor * worst['value'])} {unit}"
     normal = f"{plain_number(factor * worst['firing'])} {unit}"
     normal = "no answer" if np.isnan(worst["firing"]) else normal
-    share = f", {worst['share']:.2f} of {worst['limit']}" if "share" in worst else ""
+    share = ""
+    if "share" in worst:
+        judged = worst.get("judged", worst["quantity"])
+        # The name of a limit may tell of what it is one.
+        told = judged == worst["quantity"] or judged in worst["limit"]
+        words = "" if told else f"{judged} "
+        share = f", {words}{worst['share']:.2f} of {worst['limit']}"
     before = (
         f", {worst['firing_share']:.2f} of it"
         if share and np.isfinite(worst["firing_share"])

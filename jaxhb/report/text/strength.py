@@ -228,7 +228,7 @@ class Share:
     def said(self) -> str:
         """The limit in a sentence: ``the continuous limit``."""
         limit = self.kind.limit
-        if self.kind.plain:
+        if self.kind.plain or limit.startswith("limit of"):
             return "its limit"
         return limit if limit.startswith("a ") else f"the {limit}"
 
