@@ -7,11 +7,13 @@ import json
 import jax
 import numpy as np
 import pytest
+from compiling import executables
 from scipy.optimize import brentq
 
 import jaxhb
 from jaxhb import Damper, Disk, Shaft, Torque
 from jaxhb.cli.main import main
+from jaxhb.linear import forced, heat
 from jaxhb.scene.writer import elements_text
 
 LAW = ((20.0, 1.0, 1.0), (60.0, 1.0, 0.6), (100.0, 1.0, 0.35), (150.0, 1.0, 0.2))
@@ -76,6 +78,15 @@ def test_speeds_are_found_beside_each_other_as_alone():
         float(jaxhb.heat_balance(train, rpm=r).temperature("ring")) for r in speeds
     ]
     np.testing.assert_allclose(together, alone, atol=FOUND)
+
+
+def test_few_speeds_more_or_less_compile_nothing():
+    train = built(damped())
+    response = jaxhb.heat_balance(train, rpm=[500.0, 700.0, 900.0])
+    before = executables(heat._balanced), executables(forced._respond)
+    fewer = jaxhb.heat_balance(train, rpm=[500.0, 700.0])
+    assert (executables(heat._balanced), executables(forced._respond)) == before
+    np.testing.assert_array_equal(fewer.temperatures, response.temperatures[:2])
 
 
 @pytest.mark.slow
