@@ -80,7 +80,7 @@ CELLS = 500_000
 """Speeds times harmonics swept together, and times disks: the arrays of a sweep then
 stay in the cache of a processor.
 """
-SIZES = 1, 4, 16, 32, 64, 128, 256
+SIZES = 1, 4, 16, 32, 64, 128, 256, 512
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
 # Force of a link or disk over load beyond which rounding alone is left: an undamped
