@@ -74,11 +74,9 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
     remarks = scene_notes(responses) + table_notes(train)
     parts = check_text(train, responses, speeds, remarks)
     record = check_record(train, responses, remarks)
-    constant = _constant(train, None, arguments.links_at)
-    if constant.topology.depends_on_speed:
-        rpm = float(main_speed(train))
-        constant = constant.with_constant_links(rpm=rpm)
-        parts.append(f"Modes are those at {rpm:g} rpm; --links-at takes another speed.")
+    at_places = _constant(train, None, arguments.links_at)
+    constant, speed_remarks = _at_a_speed(at_places, float(main_speed(train)))
+    parts += speed_remarks
     if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
@@ -119,7 +117,8 @@ def check(train: DriveTrain, arguments: cli.CheckOptions) -> int:
 
 def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
     """Natural frequencies of a scene."""
-    constant = _constant(train, arguments.at, arguments.links_at)
+    at_places = _constant(train, arguments.at, arguments.links_at)
+    constant, speed_remarks = _at_a_speed(at_places, _speed_of_scene(train))
     teeth = _with_teeth(arguments, None, [constant])
     (train,) = teeth.trains
     modes, kinds, ratios = modes_of(train)
@@ -133,13 +132,15 @@ def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
             "--plot: no mode strains a link, so there is no shape to draw."
         )
     parts: list[str] = [
-        linear_text.modes_text(modes, train.topology.name, kinds, ratios, teeth.title)
+        *speed_remarks,
+        linear_text.modes_text(modes, train.topology.name, kinds, ratios, teeth.title),
     ]
     if len(span(train.topology).loops):
         parts += linear_text.energies_text(modes, kinds)
     margins = separations(train, modes, kinds)
     parts += linear_text.separation_tables(margins, train.topology.operating_rpm)
     record = linear_text.modes_record(modes, kinds, ratios) | teeth.record
+    record["notes"] = speed_remarks + record["notes"]
     record |= linear_text.separation_record(margins)
     makers: dict[str, Callable[[], Any]] = {
         "record": lambda: record,
@@ -159,7 +160,8 @@ def modes(train: DriveTrain, arguments: cli.ShapeOptions) -> int:
 
 def holzer(train: DriveTrain, arguments: cli.HolzerOptions) -> int:
     """Holzer's tables."""
-    constant = _constant(train, arguments.at, arguments.links_at)
+    at_places = _constant(train, arguments.at, arguments.links_at)
+    constant, speed_remarks = _at_a_speed(at_places, _speed_of_scene(train))
     teeth = _with_teeth(arguments, None, [constant])
     (train,) = teeth.trains
     name = train.topology.title
@@ -173,10 +175,17 @@ def holzer(train: DriveTrain, arguments: cli.HolzerOptions) -> int:
         chosen = linear_text.chosen_modes(kinds, name, arguments.mode)
         tables = [(k, holzer_table(train, hz=natural_hz[k])) for k in chosen]
     zeros = {k: hz for k, hz in natural_hz.items() if kinds[k] == ELASTIC}
-    parts: list[str] = [linear_text.holzer_text(tables, name, teeth.title)]
+    parts: list[str] = [
+        *speed_remarks,
+        linear_text.holzer_text(tables, name, teeth.title),
+    ]
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     makers = {
-        "record": lambda: linear_text.holzer_record(tables, name) | teeth.record,
+        "record": lambda: (
+            linear_text.holzer_record(tables, name)
+            | teeth.record
+            | {"notes": speed_remarks + teeth.record["notes"]}
+        ),
         "figure": lambda: plot_holzer(train, tables, zeros),
     }
     deliver(arguments, "\n\n".join(parts), makers)
@@ -339,6 +348,23 @@ def _constant(
     return train.with_constant_links(**places) if places else train
 
 
+def _speed_of_scene(train: DriveTrain) -> float | None:
+    """The rated speed in rpm, or else the highest at which the scene gives a torque;
+    None of a scene without any.
+    """
+    return train.topology.rated_rpm or max(own_speeds(train) or [], default=None)
+
+
+def _at_a_speed(train: DriveTrain, rpm: float | None) -> tuple[DriveTrain, list[str]]:
+    """The train with links as they are at a speed, and a sentence on it; as it is, and
+    no sentence, if nothing depends on the speed, or there is none.
+    """
+    if rpm is None or not train.topology.depends_on_speed:
+        return train, []
+    remark = f"Modes are those at {rpm:g} rpm; --links-at takes another speed."
+    return train.with_constant_links(rpm=rpm), [remark]
+
+
 @dataclass(frozen=True)
 class _Teeth:
     """Trains with teeth as ``--at`` says: ``title``, how stiff they are; ``notes`` to
@@ -390,7 +416,7 @@ def _with_teeth(
     ]
     return _Teeth(
         linear,
-        f"teeth at the mean load of {at:g} rpm",
+        linear_text.in_contact(first) and f"teeth at the mean load of {at:g} rpm",
         [linear_text.mean_load_text(load, at), *remarks_text(remarks)],
         linear_text.mean_load_record(load, at) | record,
     )

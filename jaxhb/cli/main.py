@@ -388,7 +388,8 @@ def holzer() -> None:
 )
 @option(
     "--orders N1,N2,...",
-    "orders of the reference rotor (default: those of the torques)",
+    "orders of the reference rotor (default: those whose torques exceed 0.1 % of the"
+    " largest)",
     orders,
 )
 @option(

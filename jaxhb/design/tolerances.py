@@ -365,13 +365,18 @@ def moved_ranges(
     train: DriveTrain, values: Mapping[str, float]
 ) -> dict[str, dict[str, Any]]:
     """Entries of ``[tolerance]`` with a range of numbers that a tuning gave other
-    ``values``, in their ratio.
+    ``values``, in their ratio and in the unit of the scene format. Ranges that are no
+    numbers stay: :func:`read_tolerances` tells their faults.
     """
     ranges = {}
-    for name, entry in train.tolerance.items():
+    for name, entry in _entries(train.tolerance):
         value = float(train.value(name)) if name in values else 0.0
-        if value and isinstance(entry, dict) and isinstance(entry.get("range"), list):
+        ends = entry.get("range") if isinstance(entry, dict) else None
+        if not value or not isinstance(ends, list):
+            continue
+        ends = in_si(train.topology, {name: ends})[name]
+        if all(map(number_like, ends)):
             ranges[name] = entry | {
-                "range": [end * values[name] / value for end in entry["range"]]
+                "range": [end * values[name] / value for end in ends]
             }
     return ranges

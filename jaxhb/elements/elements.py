@@ -396,7 +396,7 @@ class Head:
     rated_rpm: float | None = positive("rpm", None)
     rules: tuple = declared("list", ())
     tachometer_tolerance: float = quantity("", TACHOMETER, least=0.0, most=0.1)
-    operating_rpm: tuple = declared("list", ())
+    operating_rpm: tuple = declared("list", (), unit="rpm")
     temperature: float | None = quantity("deg C", None, least=-100.0, most=500.0)
 
 

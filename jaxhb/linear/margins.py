@@ -23,7 +23,7 @@ class Separation:
     Parameters
     ----------
     rule : str, its name; mode : int, counted from 0; hz : float, natural frequency
-    rotor : str, the first disk of the rotor
+    rotor : str, the reference disk of the reference rotor, of others the first
     low_hz, high_hz : float, of the order at the lowest and highest operating speed
     least : float, margin that the rule asks for, a share
     """
@@ -62,7 +62,9 @@ def separations(
         return []
     low, high = topology.operating_rpm
     ratios = np.abs(np.asarray(speed_ratios(train)))
-    rotors = [topology.disk_names[topology.rotor.index(k)] for k in range(len(ratios))]
+    disks = [topology.rotor.index(k) for k in range(len(ratios))]
+    disks[topology.reference_rotor] = topology.reference_disk
+    rotors = [topology.disk_names[disk] for disk in disks]
     return [
         Separation(
             rule=rule.name,

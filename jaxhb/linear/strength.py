@@ -175,6 +175,12 @@ class BarredRange:
             return high
         return _end(namespace(high, self.rule_high).maximum(high, self.rule_high))
 
+    def accepted_by(self, rule: Rule, rated_rpm: float) -> bool:
+        """Whether a rule accepts a barred range up to these speeds: it ends below the
+        highest one, often 0.8 of the rated speed.
+        """
+        return bool(self.bar_high <= rule.passed * rated_rpm)
+
     def widened(
         self, rule: Rule, rated_rpm: float, tachometer_tolerance: float
     ) -> BarredRange:

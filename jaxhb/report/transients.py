@@ -217,7 +217,9 @@ def speeds_passed(run: Transient, count: int) -> np.ndarray:
 
 
 def _barred_passages(run: Transient) -> list[Passage]:
-    """Find the barred ranges of the linear response that a transient passes."""
+    """Find the barred ranges of the linear response that a transient passes, as wide as
+    their rule bars them.
+    """
     topology = run.topology
     limited = [
         name
@@ -230,9 +232,9 @@ def _barred_passages(run: Transient) -> list[Passage]:
     judged = strength(forced_response(run.train, rpm=speeds))
     return [
         Passage(
-            barred.low,
-            barred.high,
-            float(run.passage(barred.low, barred.high)),
+            barred.bar_low,
+            barred.bar_high,
+            float(run.passage(barred.bar_low, barred.bar_high)),
             name,
             barred,
         )

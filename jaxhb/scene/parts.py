@@ -228,8 +228,9 @@ def _sound_keys(
                 f"{where}: unknown key {shown(key)}.{suggestion(key, allowed)}"
             )
             continue
-        in_si = si_value(TABLES[table], allowed[key], value)
-        faults = field_errors(where, allowed[key], in_si)
+        # Texts with units stay as they are written: copies of the scene have them.
+        number = si_value(TABLES[table], allowed[key], value)
+        faults = field_errors(where, allowed[key], number)
         errors += faults or []
         keys[key] = value if faults is None else Unread()
     return keys

@@ -69,19 +69,37 @@ class TomlText:
 
     def merge(self, table: str, entries: Mapping[str, Mapping[str, Any]]) -> None:
         """Put entries of ``[table]``, small tables themselves, in the place of entries
-        with the same keys, or add them.
+        with the same keys, also where these are dotted or heads, or add them.
         """
-        if not self._rows(table):
-            self.append(table, {})
-        number, path = self._rows(table)[0][0]
-        for key, entry in entries.items():
-            inline = tomlkit.inline_table()
-            inline.update(entry)
+        for name, entry in entries.items():
+            number, path = self._entry(table, name)
+            *outer, key = path
             self._change(
                 number,
-                path,
-                lambda node, key=key, inline=inline: node.update({key: inline}),
+                outer,
+                lambda node, key=key, entry=entry: _put_table(node, key, entry),
             )
+
+    def _entry(self, table: str, name: str) -> tuple[int, list[str | int]]:
+        """Piece and path of the entry of ``[table]`` with this name, or for a new
+        one.
+        """
+        parts = [part for row in self._rows(table) for part in row]
+        for number, path in parts:
+            keys = _keys_of(_inside(self._read[number], path), name)
+            if keys:
+                return number, [*path, *keys]
+        # Below the head of one entry there is no place for another.
+        own = [number for number, _ in parts if self._head(number) in ("", table)]
+        if not own:
+            self.append(table, {})
+            return self._entry(table, name)
+        return own[0], [table, name]
+
+    def _head(self, number: int) -> str:
+        """Name in the head of a piece, as it is written; "" of the first, without."""
+        head = self._pieces[number] if number else ""
+        return head.partition("]")[0].strip(" \t\n[")
 
     def discard(self, table: str, row: int, key: str) -> Any:
         """Remove one value, if it is there, and return it."""
@@ -192,6 +210,34 @@ class TomlText:
 def _inside(content: Any, path: Path) -> Any:
     """Value inside a piece that a path leads to."""
     return reduce(getitem, path, content)
+
+
+def _put_table(node: Any, key: str, entry: Mapping[str, Any]) -> None:
+    """Put a small table into another one: on a line, unless one with a head, or of
+    dotted keys, is there.
+    """
+    written = node.get(key)
+    if not isinstance(written, tomlkit.items.Table):
+        node[key] = tomlkit.inline_table()
+        node[key].update(entry)
+        return
+    for old in list(written):
+        del written[old]
+    written.update(entry)
+
+
+def _keys_of(tables: Mapping[str, Any], name: str) -> list[str]:
+    """Keys, one inside the other, that make a name with dots between them; none without
+    such an entry.
+    """
+    for key, inner in tables.items():
+        if key == name:
+            return [key]
+        if isinstance(inner, dict) and name.startswith(f"{key}."):
+            rest = _keys_of(inner, name.removeprefix(f"{key}."))
+            if rest:
+                return [key, *rest]
+    return []
 
 
 def _tail(piece: str) -> str:

@@ -204,6 +204,13 @@ class TransientEquations:
                 "loss factors damp each mode at its own frequency, and are no part of"
                 " the torques"
             )
+        for i in topology.warm_links:
+            name = topology.link_names[i]
+            temperature = float(values.value(f"{name}.temperature"))
+            notes.append(
+                f"{name} stays at {temperature:g} deg C: jaxhb forced finds the"
+                " temperature at which it gives off its heat"
+            )
         if not topology.load_disk:
             notes.append(
                 "no load takes the torque of an acceleration: each disk is accelerated"

@@ -138,6 +138,37 @@ def test_check_shows_numbers_over_the_speed_and_modes_are_those_of_a_speed(here,
     assert f"{np.sqrt(4e4) / (2 * np.pi):.2f}" in words
 
 
+@pytest.mark.parametrize(
+    ("scene", "rpm", "stiffness"),
+    [("rated_rpm = 1000", 1000, 2e4), ("", 1500, 3e4)],
+)
+def test_modes_and_holzer_are_those_of_the_rated_speed_and_say_so(
+    here, run, scene, rpm, stiffness
+):
+    """Without one those of the highest speed that the scene gives."""
+    rows = "stiffness_over_rpm = [[500, 1e4], [1500, 3e4]]"
+    drive = '[[torque]]\ndisk = "a"\nharmonics = [[1, 5.0, 0.0]]\nscale = [[1500, 1]]\n'
+    (here / "joint.toml").write_text(f"[scene]\n{scene}\n{TWO}{rows}\n{drive}")
+    hz = f"{np.sqrt(2 * stiffness) / (2 * np.pi):.4f}"[:5]
+    sentence = f"Modes are those at {rpm} rpm; --links-at takes another speed."
+    for command in ("modes joint.toml", "holzer joint.toml"):
+        completed = run(command, "json")
+        assert completed.json["notes"] == [sentence]
+        assert sentence in completed.out
+        assert hz in completed.words
+    assert sentence not in run("modes joint.toml --links-at rpm=700").out
+
+
+def test_modes_at_a_mean_load_say_nothing_of_teeth_that_a_train_does_not_have(
+    here, run
+):
+    (here / "shaft.toml").write_text(f"{TWO}stiffness = 1e4\n")
+    for command in ("modes", "holzer"):
+        words = run(f"{command} shaft.toml --at 900").out
+        assert "teeth" not in words
+        assert "of a mesh" not in words
+
+
 @pytest.mark.slow
 def test_check_tells_what_a_tuning_would_refuse(here, run):
     text, _ = scene_text("first_scene")

@@ -5,12 +5,13 @@ refusals.
 import jax
 import numpy as np
 import pytest
+from tolerances import ALGEBRAIC
 
 import jaxhb
 from jaxhb import Cylinder, Disk, Mesh, SceneError, Shaft, Torque, _program, build
 from jaxhb._store import Store
 from jaxhb.design import Objective, Parameter, Tolerance
-from jaxhb.design.tolerances import box_of
+from jaxhb.design.tolerances import box_of, moved_ranges
 
 # Below, at and above the natural frequency of the train as it is.
 RPM = np.array([900.0, 955.0, 1200.0])
@@ -267,6 +268,21 @@ def test_dotted_keys_are_names_too():
     tolerances = jaxhb.design.read_tolerances(pair(scene))
     names = [tolerance.name for tolerance in tolerances]
     assert names == ["a.inertia", "a|b.stiffness"]
+
+
+def test_ranges_with_units_move_with_a_design_in_si():
+    """6 to 7 kN m/rad about 6.7 kN m/rad, of a design with twice that stiffness."""
+    entry = {"range": ["6 kN m/rad", "7000 N m/rad"], "together": ["a.inertia"]}
+    faulty = {"range": ["soft", 3.0]}
+    train = pair({"a|b.stiffness": entry, "a.inertia": faulty})
+    values = {"a|b.stiffness": 2 * 6700.0, "a.inertia": 9.0}
+    moved = moved_ranges(train, values)
+    assert list(moved) == ["a|b.stiffness"]
+    assert moved["a|b.stiffness"]["range"] == pytest.approx([12e3, 14e3], rel=ALGEBRAIC)
+    assert moved["a|b.stiffness"]["together"] == ["a.inertia"]
+    dotted = pair({"a": {"inertia": {"range": ["0.9 kg m2", 1.2]}}})
+    moved = moved_ranges(dotted, {"a.inertia": 2.0})
+    assert moved["a.inertia"]["range"] == pytest.approx([1.8, 2.4], rel=ALGEBRAIC)
 
 
 def absorbed():

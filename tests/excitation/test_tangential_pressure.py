@@ -267,6 +267,35 @@ def test_a_table_of_several_loads_holds_at_each_of_them():
         jaxhb.tangential_pressure(train, "c", rpm=600.0, loads=[1.0, 0.5])
 
 
+def test_a_table_of_the_maker_is_that_of_its_load_at_a_speed():
+    """Half way between the rows at 1 and 2 MPa; the train of that table has its
+    torques.
+    """
+    load = [(300.0, 0.3), (900.0, 0.9)]
+    train = pair(
+        cylinder(
+            tangential_pressure=table(), load=load, scale=[(750.0, 2.0)], orders=1.0
+        )
+    )
+    result = jaxhb.tangential_pressure(train, "c", rpm=750.0)
+    np.testing.assert_allclose(result.orders, [0.5, 1.0])
+    np.testing.assert_allclose(result.imep, [0.0, 2 * 1.5e6], rtol=ALGEBRAIC)
+    cosine = [[1e5, 2e4], [3.5e5, 1.5e5]]
+    sine = [[2e5, 0.0], [0.0, 6.5e4]]
+    close(result.cosine, 2 * np.array(cosine), ALGEBRAIC)
+    close(result.sine, 2 * np.array(sine), ALGEBRAIC)
+    back = pair(cylinder(tangential_pressure=result.element()))
+    close(torque(back, 750.0), torque(train, 750.0), ALGEBRAIC)
+    at_loads = jaxhb.tangential_pressure(train, "c", rpm=300.0, loads=[0.5, 1.0])
+    np.testing.assert_allclose(at_loads.imep, [0.0, 2e6, 4e6], rtol=ALGEBRAIC)
+    with pytest.raises(SceneError, match="2e.06, 1e.06 Pa, must increase from above 0"):
+        jaxhb.tangential_pressure(train, "c", rpm=300.0, loads=[0.5, 0.25])
+    # Without rows at 0 compression is not known.
+    burning = pair(cylinder(tangential_pressure=table(rows=[*ROWS[1:3], *ROWS[4:]])))
+    result = jaxhb.tangential_pressure(burning, "c", rpm=750.0)
+    np.testing.assert_allclose(result.imep, [2e6], rtol=ALGEBRAIC)
+
+
 def test_tangential_pressures_have_derivatives():
     train = pair(cylinder(rod=ROD, combustion=COMBUSTION))
 

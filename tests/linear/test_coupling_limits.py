@@ -12,6 +12,7 @@ import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.linear.strength import LIMITS, Bounded
 from jaxhb.report.text.strength import LIMITED, largest_shares, strength_text
+from jaxhb.report.units import shown_in
 
 OMEGA = 2.5  # rad/s
 RPM = OMEGA * 30.0 / math.pi
@@ -94,7 +95,42 @@ def test_every_kind_of_a_strength_is_told_with_its_share(judged):
         assert shares[kind, name] == pytest.approx(share, rel=2e-6, abs=1e-12)
     text = "\n".join(str(part) for part in strength_text({"": judged}))
     assert f"{TWISTING:.3g}" in text
+    assert "Mean torque of couplings, N m, beside" in text
     assert "out of reach of this program" in text
+
+
+@pytest.mark.parametrize(
+    ("units", "heads", "mean"),
+    [
+        ({}, ["kN m", "deg", "MPa", "%"], "40.00"),
+        (
+            {"N m": (1.0, "N m"), "rad": (1e3, "mrad"), "Pa": (1e-3, "kPa")},
+            ["N m", "mrad", "kPa", "%"],
+            "40000",
+        ),
+    ],
+)
+def test_titles_have_the_units_of_their_columns(units, heads, mean):
+    """A load 10,000 times as large, in kN m unless another unit is chosen."""
+    loads = [
+        Torque(disk="a", mean=4e4, harmonics=[(1.0, 1e5, 0.0)]),
+        Load(disk="b"),
+    ]
+    train = built([*DISKS, COUPLING, *loads])
+    strength = jaxhb.strength(jaxhb.forced_response(train, rpm=np.array([RPM])))
+    with shown_in(units):
+        text = "\n".join(str(part) for part in strength_text({"": strength}))
+    torque, angle, stress, share = heads
+    for title in (
+        f"Mean torque of couplings, {torque},",
+        f"Vibratory torque of couplings, {torque}:",
+        f"Largest torque of couplings, {torque},",
+        f"Vibratory angle of disks, {angle}:",
+        f"Alternating torsional stress of crankshafts, {stress}:",
+        f"Cyclic irregularity of disks, {share}:",
+    ):
+        assert title in text
+    assert mean in text
 
 
 def test_the_speed_limit_is_that_of_the_own_rotor():

@@ -125,6 +125,22 @@ def test_a_train_without_a_balance_of_heat_has_its_forced_response():
     assert response.temperature("ring") is None
 
 
+def test_a_transient_tells_at_which_temperature_it_takes_a_damper():
+    """That of the air, or its own, and none where nothing gives off heat."""
+    air, own, none = (
+        jaxhb.transient(built(damped(**keys)), seconds=0.05, speed=900.0).notes
+        for keys in (
+            {},
+            {"temperature": 55.0},
+            {"surface": None, "heat_transfer": None, "ambient": None}
+            | {"temperature": 55.0},
+        )
+    )
+    assert "ring stays at 40 deg C: jaxhb forced finds" in " ".join(air)
+    assert "ring stays at 55 deg C" in " ".join(own)
+    assert "deg C" not in " ".join(none)
+
+
 def test_traced_numbers_are_refused_with_what_to_do():
     train = built(damped())
 

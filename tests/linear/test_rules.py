@@ -334,6 +334,11 @@ def test_separation_margins_are_those_worked_out_by_hand(
     done = run(f"modes {path}", "json")
     assert ("TOO CLOSE" in done.out) == (not worst.kept)
     assert len(done.json["separation_margins"]) == 2
+    assert {row.rotor for row in rows} == {"motor"}
+    path.write_text(path.read_text().replace("[scene]", '[scene]\nreference = "fan"'))
+    train = jaxhb.load_scene(path)
+    named = separations(train, *modes_of(train)[:2])
+    assert {row.rotor for row in named} == {"fan"}
 
 
 def test_ranges_of_a_misfire_are_restrictions_and_late_ranges_are_not_accepted(

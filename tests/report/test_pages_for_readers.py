@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 import trains
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.report.compute import Asked, solve_cases
@@ -15,7 +16,12 @@ from jaxhb.report.figures.draw import as_svg
 from jaxhb.report.figures.figure import legend_columns, line
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.orders import order_names
-from jaxhb.report.page.first_page import operating_modes, result, rule_of
+from jaxhb.report.page.first_page import (
+    compliance,
+    operating_modes,
+    result,
+    rule_of,
+)
 from jaxhb.report.page.judgement import for_readers, notes_of
 from jaxhb.report.page.motion import motions
 from jaxhb.report.page.page import as_page
@@ -97,6 +103,45 @@ def test_barred_ranges_are_those_that_the_rule_bars_in_full(report):
         f"Barred speed ranges: {barred.bar_low:.4g} to {barred.bar_high:.4g} rpm, by"
         " line shaft."
     )
+
+
+def test_operating_modes_of_a_linear_train_have_the_peak_between_its_speeds(report):
+    """The largest force is that of a dense run of the linear response."""
+    (table, *_) = tables_of(operating_modes(report))
+    ((_, _, _, value, _, mesh),) = zip(*table.columns, strict=True)
+    dense = jaxhb.forced_response(report.train, rpm=np.linspace(LOW, HIGH, 3001))
+    peak = np.max(dense.force(mesh).half_peak_to_peak) / 1e3
+    at_speeds = max(
+        float(answer.response.force(mesh).half_peak_to_peak) / 1e3
+        for answer in report.cases[0].answers
+    )
+    # The critical speed of the undamped train misses the peak by less than 1 %.
+    assert float(value) == pytest.approx(peak, rel=0.01)
+    assert float(value) > 1.1 * at_speeds
+
+
+@pytest.mark.parametrize(
+    ("rated", "statement"), [(600, "complies with barred ranges"), (560, "NOT")]
+)
+def test_a_range_barred_where_the_rule_accepts_none_does_not_comply(
+    rated, statement, tmp_path
+):
+    """UR M68 accepts barred ranges up to 0.8 of the rated speed alone."""
+    path = tmp_path / "line.toml"
+    path.write_text(text_of("limited_line.toml").replace("= 900", f"= {rated}"))
+    train = jaxhb.load_scene(path)
+    rpm = np.linspace(LOW, 600.0, 4).tolist()
+    made = Report(solve_cases({"firing": train}, rpm, Asked()), facts={})
+    (strength,) = made.strengths.values()
+    (barred,) = strength.barred["line shaft"]
+    assert barred.passable
+    assert (barred.bar_high <= 0.8 * rated) == ("NOT" not in statement)
+    (row,) = [
+        row
+        for row in zip(*compliance(made)[0].columns, strict=True)
+        if row[0] == "line shaft"
+    ]
+    assert statement in row[-1]
 
 
 def test_irregularity_of_a_linear_train_is_the_largest_between_its_speeds_too(report):

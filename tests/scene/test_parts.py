@@ -102,6 +102,18 @@ def test_numbers_of_parts_may_have_units(scene):
         np.testing.assert_allclose(changed.value(number), expected.value(number))
 
 
+def test_numbers_of_parts_have_units_and_are_expanded_as_they_are_written(scene):
+    """The same numbers as in SI."""
+    si = load_scene(scene)
+    makers = scene.with_name("makers.toml")
+    text = MAKERS.replace("21000.0", '"21 kN m/rad"').replace("0.4", '"4000 kg cm2"')
+    text = text.replace("[20, 1.0, 1.0]", '[20, "100 %", 1.0]')
+    makers.write_text(text.replace("inertia = 2.0", 'gd2 = "8 kgf m2"'))
+    assert load_scene(scene) == si
+    expanded, _ = scene_text(scene, expand=True)
+    assert 'stiffness = "21 kN m/rad"' in expanded
+
+
 def test_an_expanded_scene_is_the_same_train_without_its_parts(scene, tmp_path):
     text, beside = scene_text(scene, expand=True)
     alone = tmp_path / "plant.toml"
@@ -158,6 +170,12 @@ def test_a_changed_scene_keeps_its_parts_and_loads_to_the_changed_train(scene):
             "stiffness = 21000.0",
             "stiffness = -1",
             ["makers.toml, [coupling.'X 31']: stiffness is -1 N m/rad"],
+        ),
+        (
+            "makers.toml",
+            "stiffness = 21000.0",
+            'stiffness = "21 kN/m"',
+            ["[coupling.'X 31']: stiffness is '21 kN/m', must be in N m/rad or a unit"],
         ),
         (
             "makers.toml",

@@ -10,6 +10,7 @@ import pytest
 from reference_data import PACKAGED, text_of
 
 from jaxhb.cli.main import main
+from jaxhb.design.tolerances import _entries
 from jaxhb.elements.engine import cylinder_rows
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.toml_text import TomlText
@@ -161,6 +162,31 @@ def test_an_added_value_stands_below_a_comment_that_ends_the_file():
     text.set("disk", 0, "y", 2)
     assert tomllib.loads(str(text)) == {"disk": [{"x": 1, "y": 2}]}
     assert "# the end\n" in str(text)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        '[tolerance]\n"a.b" = { std = 1.0 } # of the maker\n"c d.e" = { share = 0.1 }\n',
+        '[tolerance]\na.b = { std = 1.0 }\n"c d".e = { share = 0.1 }\n',
+        "[tolerance]\na.b.std = 1.0\n'c d'.e.share = 0.1\n",
+        '[tolerance."a.b"]\nstd = 1.0\n# next\n[tolerance."c d.e"]\nshare = 0.1\n',
+        '[tolerance.a.b]\nstd = 1.0\n[tolerance."c d".e]\nshare = 0.1\n',
+        'tolerance = { "a.b" = { std = 1.0 }, "c d.e" = { share = 0.1 } }\n',
+        "",
+    ],
+)
+def test_entries_are_put_in_the_place_of_those_of_their_names(written):
+    """However their names are written, beside new ones."""
+    text = TomlText(f"{written}[[disk]]\nname = 'a' # a disk\n")
+    entries = {"a.b": {"range": [1.0, 2.0]}, "c d.e": {"std": 3.0}}
+    text.merge("tolerance", entries | {"f.g": {"share": 0.5}})
+    content = tomllib.loads(str(text))
+    assert content.pop("disk") == [{"name": "a"}]
+    assert "name = 'a' # a disk" in str(text)
+    named = list(_entries(content["tolerance"]))
+    assert len(named) == 3
+    assert dict(named) == entries | {"f.g": {"share": 0.5}}
 
 
 def test_heads_inside_values_are_none():

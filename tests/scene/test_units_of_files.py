@@ -188,3 +188,16 @@ def test_changes_of_a_study_have_units(tmp_path):
     path.write_text(path.read_text().replace("MN m/rad", "MN"))
     with pytest.raises(SceneError, match="'2.0 MN' must be in N m/rad or a unit like"):
         load_study(path)
+
+
+def test_operating_speeds_have_units(tmp_path):
+    path = tmp_path / "scene.toml"
+    text = (
+        '[scene]\nrules = ["API"]\noperating_rpm = ["10 Hz", "780 1/min"]\n'
+        '[[disk]]\nname = "a"\ninertia = 1.0\n'
+    )
+    path.write_text(text)
+    assert jaxhb.load_scene(path).topology.operating_rpm == (600.0, 780.0)
+    path.write_text(text.replace("10 Hz", "10 m"))
+    with pytest.raises(SceneError, match=r"operating_rpm is \['10 m', 780.0\], must"):
+        jaxhb.load_scene(path)

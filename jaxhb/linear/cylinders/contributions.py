@@ -11,6 +11,7 @@ import numpy as np
 from jaxhb._jax import Array, refuse_tracers
 from jaxhb.elements.sentences import SceneError
 from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.heat import at_temperatures, heat_balance, span_of, warm_names
 from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.tables import with_table
@@ -55,7 +56,9 @@ def cylinder_contributions(
 
     A linear response is the sum of those to each excitation: a cylinder adds the
     response less that of the train without its torques, of gas and reciprocating mass.
-    Loads pulsate with the mean torque that the cylinder gives.
+    Loads pulsate with the mean torque that the cylinder gives. Dampers and couplings
+    that grow warm have the temperatures of :func:`jaxhb.heat_balance` with all
+    excitations.
 
     Parameters
     ----------
@@ -89,20 +92,49 @@ def cylinder_contributions(
             " over_amplitude), so that responses do not add up. Give constant links."
         )
     speeds = np.asarray(rpm, dtype=float)
+    if not topology.warm_links:
+        return _contributions(train, read, speeds)
+    # Each speed has links at the temperatures that all cylinders together give them.
+    warm = heat_balance(train, rpm=speeds).temperatures
+    assert warm is not None
+    by_speed = [
+        _contributions(_warmed(train, temperatures), read, speeds[i : i + 1])
+        for i, temperatures in enumerate(np.asarray(warm))
+    ]
+    return dataclasses.replace(
+        by_speed[0],
+        rpm=speeds,
+        total=np.concatenate([added.total for added in by_speed]),
+        parts=np.concatenate([added.parts for added in by_speed], axis=1),
+    )
+
+
+def _contributions(
+    train: DriveTrain, read: Callable[[ForcedResponse], Signal], speeds: np.ndarray
+) -> Contributions:
+    """Contributions at speeds ``(n,)`` in a train whose links are as they are."""
     full = read(forced_response(train, rpm=speeds))
     total = _complex(full)
     cycles = total.shape[-1]
     parts = []
-    for i in range(len(topology.cylinder_names)):
+    for i in range(len(train.topology.cylinder_names)):
         response = forced_response(_without(train, i), rpm=speeds, harmonics=cycles)
         parts.append(total - _complex(read(response)))
     return Contributions(
-        cylinders=topology.cylinder_names,
+        cylinders=train.topology.cylinder_names,
         rpm=speeds,
         orders=np.asarray(full.orders),
         total=total,
         parts=np.stack(parts),
     )
+
+
+def _warmed(train: DriveTrain, temperatures: np.ndarray) -> DriveTrain:
+    """The train with its warm links at temperatures ``(W,)`` deg C, beyond the rows of
+    ``over_temperature`` those of the nearest row.
+    """
+    spans = np.array([span_of(train, name) for name in warm_names(train.topology)])
+    return at_temperatures(train, np.clip(temperatures, spans[:, 0], spans[:, 1]))
 
 
 def _without(train: DriveTrain, i: int) -> DriveTrain:

@@ -1,5 +1,6 @@
 """Tangential pressures of a cylinder from its pressure table, traces or combustion, as
-engine makers print them, and as its ``[cylinder.tangential_pressure]`` reads them.
+engine makers print them, and as its ``[cylinder.tangential_pressure]`` reads them; of a
+cylinder with such a table at the load of a speed.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from jaxhb._jax import Array, Number, namespace, traced
 from jaxhb.elements.excitations.tangential import TangentialPressure
 from jaxhb.elements.sentences import SceneError, shown, suggestion
 from jaxhb.excitation import cylinder_harmonics
-from jaxhb.excitation.gas import unburnt_weights, weights
+from jaxhb.excitation.gas import hats, unburnt_weights, weights
 from jaxhb.excitation.mean_torques import scale_at
+from jaxhb.excitation.tangential import mean_indicated_pressures
 from jaxhb.train.tables import TrainArrays
 
 
@@ -33,7 +35,7 @@ class TangentialTable:
     stroke_cycle : int, 4 or 2
     orders : array ``(K,)``, of the crank
     imep : array ``(R,)`` Pa, mean indicated pressure of each row; 0 of the first, which
-        has compression without injection
+        has compression without injection, if that is known
     cosine, sine : arrays ``(R, K)`` Pa
     amplitude, phase_deg : arrays ``(R, K)`` Pa, and deg of the cosine
     """
@@ -89,15 +91,16 @@ def tangential_pressure(
     rpm: Number,
     loads: Sequence[float] | None = None,
 ) -> TangentialTable:
-    """Tangential pressures by orders of a cylinder whose pressure is known, with its
-    whole injection.
+    """Tangential pressures by orders of a cylinder whose pressure is known, or that has
+    a table of them, with its whole injection.
 
     A table in a scene (``table.element()``) gives the same torques at this speed. The
     ambient pressure and the scale over the speed are in it, ``gas_factor`` is not.
 
     Parameters
     ----------
-    cylinder : name of a cylinder with ``pressure``, ``traces`` or ``combustion``
+    cylinder : name of a cylinder with ``pressure``, ``traces``, ``combustion`` or
+        ``tangential_pressure``
     rpm : of the reference rotor
     loads : shares of the mean effective pressure at full load, one row of the table for
         each; by default the load that the cylinder has at ``rpm``
@@ -123,10 +126,14 @@ def tangential_pressure(
     cycles = dataclasses.replace(
         seats, fires=(True,) * count, cut_off=(False,) * count, every=(1,) * count
     )
+    if cycles.tangential[i]:
+        table = _of_makers_table(train, i, rpm, loads)
+        _check_loads(table, loads, where)
+        return table
     if not cycles.computed[i]:
         raise SceneError(
             f"{where}: the gas torque of {cylinder!r} comes from no pressure table,"
-            " traces or combustion. Give one of them."
+            " traces, combustion or tangential_pressure. Give one of them."
         )
     xp = namespace(train, rpm)
     numbers = dataclasses.replace(train.cylinders, injection=None)
@@ -157,13 +164,7 @@ def tangential_pressure(
     work = 2.0 * np.pi * revolutions * torque[1:, 0].real
     imep = xp.concatenate([xp.zeros(1), work / (area * stroke)])
     coefficients = torque[:, 1 : len(orders) + 1] / (0.25 * area * stroke)
-    if loads is not None and not traced(imep) and np.any(np.diff(imep) <= 0.0):
-        raise SceneError(
-            f"{where}: the loads of {cylinder!r} make mean indicated pressures of"
-            f" {', '.join(f'{value:.4g}' for value in imep[1:])} Pa, must increase from"
-            " above 0. Correct the loads."
-        )
-    return TangentialTable(
+    table = TangentialTable(
         cylinder,
         rpm,
         2 * revolutions,
@@ -171,4 +172,55 @@ def tangential_pressure(
         imep,
         coefficients.real,
         -coefficients.imag,
+    )
+    _check_loads(table, loads, where)
+    return table
+
+
+def _check_loads(
+    table: TangentialTable, loads: Sequence[float] | None, where: str
+) -> None:
+    """Refuse loads whose mean indicated pressures do not rise from those of compression
+    on.
+    """
+    if loads is None or traced(table.imep):
+        return
+    imep = np.asarray(table.imep)[-len(loads) :]
+    if np.any(np.diff(imep, prepend=0.0) <= 0.0):
+        raise SceneError(
+            f"{where}: the loads of {table.cylinder!r} make mean indicated pressures of"
+            f" {', '.join(f'{value:.4g}' for value in imep)} Pa, must increase from"
+            " above 0. Correct the loads."
+        )
+
+
+def _of_makers_table(
+    train: TrainArrays, i: int, rpm: Number, loads: Sequence[float] | None
+) -> TangentialTable:
+    """The table of cylinder ``i``, as the scene has it, at the mean indicated pressures
+    of a speed or of loads.
+    """
+    seats = train.topology.cylinders
+    numbers = train.cylinders
+    tables = numbers.tangential_pressure
+    assert tables is not None  # the cylinder has one
+    place = tables.seats.index(i)
+    xp = namespace(train, rpm)
+    if loads is None:
+        burnt = mean_indicated_pressures(numbers, rpm)[..., [place]]
+    else:
+        burnt = tables.imep[place] * xp.asarray(loads)
+    imep = xp.concatenate([xp.zeros(int(tables.compresses[place])), burnt])
+    weights = hats(imep[:, None], tables.grid[[place]])[:, 0]
+    orders = np.array(seats.orders[i]) / seats.turn[i]
+    parts = xp.einsum("jr,rkc->jkc", weights, tables.parts[place])[:, : len(orders)]
+    scale = scale_at(numbers, rpm)[..., i]
+    return TangentialTable(
+        seats.names[i],
+        rpm,
+        2 * tables.revolutions[place],
+        orders,
+        scale * imep,
+        scale * parts[..., 0],
+        scale * parts[..., 1],
     )

@@ -32,6 +32,6 @@ def width_of(text: str, size: float) -> float:
     """Pixels that a text takes in a line, with letters of a ``size`` in pixels.
 
     >>> round(width_of("torque, kN m", 10.0), 1)
-    56.7
+    57.2
     """
     return 1e-3 * size * sum(_OF_LETTER.get(letter, OTHER) for letter in text)

@@ -4,10 +4,11 @@ in which operating modes.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from jaxhb.linear.strength import Strength
+from jaxhb.linear.strength import BarredRange, Strength
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
 from jaxhb.report.page.judgement import reversing
@@ -27,6 +28,7 @@ from jaxhb.report.text.strength import (
 )
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.report.units import shown_unit
+from jaxhb.results.answers import with_gaps
 
 ROWS = 18  # rows of the table on the first page
 WITHIN = "within"
@@ -255,11 +257,16 @@ def _barred_ranges(strengths: Mapping[str, Strength]) -> dict[str, list[Range]]:
     """Collect the barred ranges of every shaft that has one, of all cases together."""
     ranges: dict[str, list[Range]] = {}
     for strength in strengths.values():
-        for name, barred in strength.barred.items() if len(strength.rpm) > 1 else ():
+        for name, barred in _ranges_of(strength).items():
             bands = [(float(band.bar_low), float(band.bar_high)) for band in barred]
             if bands:
                 ranges.setdefault(name, []).extend(bands)
     return {name: _joined(bands) for name, bands in ranges.items()}
+
+
+def _ranges_of(strength: Strength) -> Mapping[str, tuple[BarredRange, ...]]:
+    """Barred ranges of every shaft; none of one speed."""
+    return strength.barred if len(strength.rpm) > 1 else {}
 
 
 def _barred(strengths: Mapping[str, Strength]) -> list[str]:
@@ -334,7 +341,8 @@ def compliance(report: Report) -> list[Block]:
     if not shares:
         return []  # the result says so
     strength = report.strengths[report.cases[0].title]
-    passing = {row.element for row in _passing(report.strengths)}
+    late = {row.element for row in _passing(report.strengths)}
+    late |= _refused_ranges(report.strengths)
     bands = _barred_ranges(report.strengths)
     rows = [
         (
@@ -344,7 +352,7 @@ def compliance(report: Report) -> list[Block]:
             _share(share.share),
             f"{share.rpm:g}",
             share.case,
-            _statement(share, key == "stresses" and name in bands, name in passing),
+            _statement(share, key == "stresses" and name in bands, name in late),
         )
         for (key, name), share in shares.items()
     ]
@@ -376,8 +384,25 @@ def rule_of(strength: Strength, key: str, name: str) -> str:
     return LIMITED[key].rule
 
 
+def _refused_ranges(strengths: Mapping[str, Strength]) -> set[str]:
+    """Find the shafts with a barred range at speeds at which their rule accepts
+    none.
+    """
+    refused = set()
+    for strength in strengths.values():
+        for name, ranges in _ranges_of(strength).items():
+            rule = strength.known[strength.rules[name]]
+            rated = strength.rated_rpm
+            assert rated is not None  # rules are those of a rated speed
+            if not all(each.accepted_by(rule, rated) for each in ranges):
+                refused.add(name)
+    return refused
+
+
 def _statement(share: Share, barred: bool, late: bool) -> str:
-    """State whether an element complies."""
+    """State whether an element complies; ``late``: a stress is above the limit of
+    passing, or a range barred where none is accepted.
+    """
     if late:
         return "does NOT comply"
     if share.share <= 1:
@@ -409,6 +434,34 @@ def _largest_of(quantity: Quantity) -> str:
     return f"{title}," if "," in title else title
 
 
+def _hardest_cells(report: Report, case: Case, quantity: Quantity) -> list[Any]:
+    """Cells of the largest number of a case: value, speed and element; of linear trains
+    at the speeds between those given, too, as everywhere on the page.
+    """
+    nothing = [np.nan, NONE, NONE]
+    if not (report.is_linear and case.title in report.responses):
+        hardest = hardest_of([case])
+        if hardest is None:
+            return nothing
+        return [
+            quantity.factor * hardest.value,
+            f"{hardest.answer.rpm:g}",
+            hardest.name,
+        ]
+    response = with_gaps(report.responses[case.title])
+    values = np.array(
+        [
+            np.asarray(quantity.signal(response, name).half_peak_to_peak, float)
+            for name in quantity.names
+        ]
+    )
+    if not np.isfinite(values).any():
+        return nothing
+    element, place = np.unravel_index(np.nanargmax(values), values.shape)
+    rpm = f"{response.rpm[place]:g}"
+    return [quantity.factor * values[element, place], rpm, quantity.names[element]]
+
+
 def operating_modes(report: Report) -> list[Block]:
     """List the cases that are computed, with their largest number, and what is taken of
     cylinders that do not fire.
@@ -416,12 +469,7 @@ def operating_modes(report: Report) -> list[Block]:
     quantity = quantities.main_quantity(report.train)
     rows = []
     for case in [*report.cases, *report.seconds]:
-        hardest = hardest_of([case])
-        cells = (
-            [quantity.factor * hardest.value, f"{hardest.answer.rpm:g}", hardest.name]
-            if hardest
-            else [np.nan, NONE, NONE]
-        )
+        cells = _hardest_cells(report, case, quantity)
         answered = sum(answer.answered for answer in case.answers)
         speeds = f"{report.rpm[0]:g}"
         if len(report.rpm) > 1:

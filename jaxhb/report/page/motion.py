@@ -247,6 +247,8 @@ def one_speed(report: Report) -> list[Block]:
     if not report.place_asked:
         called = quantities.main_quantity(report.train).called
         why = f"the speed of the largest {called} with {report.cases[0].title}"
+        if report.is_linear:
+            why = f"of the speeds asked for {why}"
     subject, subject_meshes = subject_of(first, report.gear)
     meshes = (
         list(

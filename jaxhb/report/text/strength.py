@@ -144,22 +144,22 @@ LIMITED = {
         {"limit": "limit"},
     ),
     "mean_torques": _bounded(
-        "Mean torque of couplings, N m, beside the nominal torque T_KN",
+        "Mean torque of couplings, {N m}, beside the nominal torque T_KN",
         "coupling",
         "N m",
         "mean torque",
         "nominal torque",
     ),
     "vibratory_torques": _bounded(
-        "Vibratory torque of couplings, N m: half peak-to-peak, beside the permissible"
-        " one T_KW",
+        "Vibratory torque of couplings, {N m}: half peak-to-peak, beside the"
+        " permissible one T_KW",
         "coupling",
         "N m",
         "vibratory torque",
         "permissible vibratory torque",
     ),
     "largest_torques": _bounded(
-        "Largest torque of couplings, N m, beside the maximum torque T_Kmax",
+        "Largest torque of couplings, {N m}, beside the maximum torque T_Kmax",
         "coupling",
         "N m",
         "largest torque",
@@ -173,8 +173,8 @@ LIMITED = {
         "speed limit",
     ),
     "crank_stresses": _bounded(
-        "Alternating torsional stress of crankshafts, MPa: nominal one times the larger"
-        " of its factors",
+        "Alternating torsional stress of crankshafts, {Pa}: nominal one times the"
+        " larger of its factors",
         "shaft",
         "Pa",
         "alternating stress",
@@ -186,14 +186,14 @@ LIMITED = {
         " out of reach of this program.",
     ),
     "angles": _bounded(
-        "Vibratory angle of disks, deg: half peak-to-peak",
+        "Vibratory angle of disks, {rad}: half peak-to-peak",
         "disk",
         "rad",
         "vibratory angle",
         "limit of the vibratory angle",
     ),
     "irregularities": _bounded(
-        "Cyclic irregularity of disks, %: (largest - smallest) / mean speed",
+        "Cyclic irregularity of disks, {1}: (largest - smallest) / mean speed",
         "disk",
         "1",
         "cyclic irregularity",
@@ -461,9 +461,9 @@ def range_text(
         else f"ABOVE THE TRANSIENT LIMIT ({barred_range.transient_share:.2f} of it)"
     )
     late = (
-        f"; not accepted above {rule.passed:g} of the rated speed"
-        if barred_range.bar_high > rule.passed * rated_rpm
-        else ""
+        ""
+        if barred_range.accepted_by(rule, rated_rpm)
+        else f"; not accepted above {rule.passed:g} of the rated speed"
     )
     return (
         f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
@@ -505,9 +505,7 @@ def _to_bar(barred: Sequence[BarredRange], rule: Rule, strength: Strength) -> li
     share = 100 * strength.tachometer_tolerance
     rated = strength.rated_rpm
     assert rated is not None  # rules are those of a rated speed
-    accepted = all(
-        each.passable and each.bar_high <= rule.passed * rated for each in barred
-    )
+    accepted = all(each.passable and each.accepted_by(rule, rated) for each in barred)
     what = "Restricted with this misfire" if strength.not_firing else "To be barred"
     how = " and passed rapidly" if accepted else ""
     words = (

@@ -282,6 +282,8 @@ def _passage_parts(report: TransientReport) -> list[str]:
             rule = report.stresses[passage.shaft].rule
             assert rule is not None  # ranges are those of a rule
             text = range_text(passage.shaft, passage.barred, rule, rated)
+            if (passage.low, passage.high) != (passage.barred.low, passage.barred.high):
+                text += f"; barred {passage.low:.4g} to {passage.high:.4g} rpm"
         lines.append(f"{text}: {number(passage.seconds)} s")
     if not lines:
         return []
