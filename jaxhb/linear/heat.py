@@ -58,6 +58,18 @@ def warm_names(topology: Topology) -> list[str]:
     return [topology.link_names[i] for i in topology.warm_links]
 
 
+def fixed_temperatures(train: DriveTrain) -> list[str]:
+    """Notes on the links that give off their heat, for answers that take them at one
+    temperature.
+    """
+    return [
+        f"{name} stays at {float(train.value(f'{name}.temperature')):g} deg C: the"
+        " linear forced response (jaxhb forced) finds the temperature at which it gives"
+        " off its heat"
+        for name in warm_names(train.topology)
+    ]
+
+
 def heat_balance(
     train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None
 ) -> ForcedResponse:
