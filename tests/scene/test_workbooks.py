@@ -436,6 +436,14 @@ FAULTS = {
         {"scene": [["key", "value"], ["rated_rpm", 1500], ["rated_rpm [Hz]", 20]]},
         "sheet scene, cell A3: 'rated_rpm' is there twice. Keep one.",
     ),
+    "unknown key of parts": (
+        {"parts": [["key", "value"], ["file", "makers.toml"]]},
+        "sheet parts, cell B2: unknown key 'file'. Did you mean 'files'?",
+    ),
+    "no picture": (
+        {"report": [["key", "value"], ["yard", "N"], ["logo", "a.txt"]]},
+        "sheet report, cell B3: logo 'a.txt' is no picture.",
+    ),
     "unit of rows": (
         {"torque": [["disk", "harmonics [kN m]"], ["a", "[[0.5, 3, 0]]"]]},
         "sheet torque, cell B1: the head names the unit 'kN m', and harmonics has",
