@@ -169,8 +169,9 @@ def _is_number(text: str) -> bool:
 def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
     """Read a number with a unit into another ``unit``, "" for a share.
 
-    weight : whether kgf stands for kg, as makers write the flywheel effect GD2. Raises
-    :class:`UnitError` where the text is no number of that unit.
+    weight : whether kgf stands for kg, and 9.80665 N with it, as makers write the
+    flywheel effect GD2. Raises :class:`UnitError` where the text is no number of that
+    unit.
 
     >>> in_unit("350 kg cm2", "kg m2"), in_unit("20 Hz", "rpm"), in_unit("5 %", "")
     (0.035, 1200.0, 0.05)
@@ -184,8 +185,9 @@ def in_unit(text: str, unit: str, *, weight: bool = False) -> float:
         )
     if unit == TEMPERATURE:
         return _temperature(number, written)
-    if weight and not (written == unit or _fits(written, unit)):
-        written = re.sub(r"\bkp", "kg", re.sub(r"\b(kg|lb|t)f", r"\1", written))
+    by_weight = unit.replace("kg", "kgf")
+    if weight and written != unit and _fits(written, by_weight):
+        unit = by_weight
     scale = factor(written, unit)
     # A quotient of whole numbers is rounded once: 0.2 mm is 0.0002 m.
     parts = round(1 / scale) or 1

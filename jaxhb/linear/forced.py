@@ -80,7 +80,7 @@ CELLS = 500_000
 """Speeds times harmonics swept together, and times disks: the arrays of a sweep then
 stay in the cache of a processor.
 """
-SIZES = 1, 4, 16, 32, 64, 128, 256
+SIZES = 1, 4, 16, 32, 64, 128, 256, 512
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
 # Force of a link or disk over load beyond which rounding alone is left: an undamped
@@ -174,20 +174,21 @@ def at_rest(
     lead.
     """
     start = jnp.asarray(start, dtype=float)
-    change, matrix = _linearised(resulting, start)
-    scale = jnp.where(change > 0, change, 1.0)
 
-    State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, int]
+    State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array, int]
 
-    def size(change: jax.Array) -> jax.Array:
+    def size(change: jax.Array, scale: jax.Array) -> jax.Array:
         return jnp.max(jnp.abs(change) / scale, initial=0.0)
 
     def unsettled(state: State) -> jax.Array:
-        _, change, _, _, steps = state
-        return (steps < STEPS) & (size(change) > settled)
+        _, change, _, scale, _, steps = state
+        return (steps == 0) | ((steps <= STEPS) & (size(change, scale) > settled))
 
     def step(state: State) -> State:
-        amplitude, change, matrix, time, steps = state
+        amplitude, change, matrix, scale, time, steps = state
+        # The first step only finds the change at the start: there g stands once in the
+        # program, which takes half the time to compile.
+        first = steps == 0
         implicit = matrix + jnp.eye(len(matrix)) / time
         move = jnp.linalg.solve(implicit, change)
         trial = jnp.maximum(amplitude + move, start)
@@ -196,20 +197,26 @@ def at_rest(
         # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude
         # that repels: it is refused.
         forward = jnp.sum(move * change / scale**2) > 0
-        good = forward & (size(trial_change - predicted) <= CURVED * size(change))
-        gain = size(change) / jnp.maximum(size(trial_change), 1e-3 * size(change))
+        missed = size(trial_change - predicted, scale)
+        before = size(change, scale)
+        good = first | (forward & (missed <= CURVED * before))
+        gain = before / jnp.maximum(size(trial_change, scale), 1e-3 * before)
         # Steps in time grow as g - A falls (switched evolution relaxation), which makes
         # the last ones Newton's.
-        time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
+        longer = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
+        first_scale = jnp.where(trial_change > 0, trial_change, 1.0)
         return (
             jnp.where(good, trial, amplitude),
             jnp.where(good, trial_change, change),
             jnp.where(good, trial_matrix, matrix),
-            time,
+            jnp.where(first, first_scale, scale),
+            jnp.where(first, time, longer),
             steps + 1,
         )
 
-    state = start, change, matrix, jnp.ones(()), 0
+    still = jnp.zeros_like(start)
+    matrix = jnp.zeros((len(start), len(start)))
+    state = start, still, matrix, jnp.ones_like(start), jnp.ones(()), 0
     return lax.while_loop(unsettled, step, state)[0]
 
 
@@ -326,6 +333,22 @@ def forced_response(
     """
     original = train
     train = linearised(train)
+    harmonics = checked_harmonics(train, rpm, harmonics)
+    speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
+    if original.topology.springs:
+        train, response = _at_mean_loads(original, speeds, harmonics)
+    else:
+        response = at_padded_speeds(_respond, train, speeds, harmonics)
+    if not (traced(response) or staged()):
+        response = on_host(response)
+    response = dataclasses.replace(response, train=train)
+    return response if np.ndim(rpm) else response[0]
+
+
+def checked_harmonics(train: DriveTrain, rpm: Numbers, harmonics: int | None) -> int:
+    """Number of harmonics of the linear response, by default all that the excitation
+    has; :class:`SceneError` where it or a speed is none.
+    """
     if harmonics is None:
         harmonics = listed_harmonic(train.topology, beside_lines=True)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
@@ -335,15 +358,7 @@ def forced_response(
         )
     if not traced(rpm):
         check_speed(train, rpm, many=True)
-    speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
-    if original.topology.springs:
-        train, response = _at_mean_loads(original, speeds, int(harmonics))
-    else:
-        response = _respond_padded(train, speeds, int(harmonics))
-    if not (traced(response) or staged()):
-        response = on_host(response)
-    response = dataclasses.replace(response, train=train)
-    return response if np.ndim(rpm) else response[0]
+    return int(harmonics)
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
@@ -407,7 +422,9 @@ def _at_mean_loads(
         alike.setdefault((speed_group, *np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
     responses = [
-        _respond_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
+        at_padded_speeds(
+            _respond, linearised(loads[places[0]].train), speeds[places], harmonics
+        )
         for places in groups
     ]
     order = np.argsort(np.concatenate(groups), kind="stable")
@@ -422,19 +439,19 @@ def _at_mean_loads(
     return linearised(loads[0].train), response
 
 
-def _respond_padded(
-    train: DriveTrain, speeds: jax.Array, harmonics: int
+def at_padded_speeds(
+    respond: Program, train: DriveTrain, speeds: Array, harmonics: int
 ) -> ForcedResponse:
-    """The ForcedResponse at ``speeds`` ``(n,)``, padded to the next of SIZES: every
-    number of speeds is a program.
+    """The ForcedResponse that the program ``respond`` finds at ``speeds`` ``(n,)``,
+    padded to the next of SIZES: every number of speeds is a program.
     """
     padded = next((size for size in SIZES if size >= len(speeds)), len(speeds))
     cells = padded * train.topology.n_disks * (harmonics + 1)
     if padded == len(speeds) or cells > CELLS or traced(train, speeds) or staged():
-        return _respond(train, speeds, harmonics)
+        return respond(train, speeds, harmonics)
     count = len(speeds)
     padded_speeds = np.pad(np.asarray(speeds), (0, padded - count), mode="edge")
-    response = on_host(_respond(train, padded_speeds, harmonics))
+    response = on_host(respond(train, padded_speeds, harmonics))
     return jax.tree.map(lambda values: values[:count], response)
 
 

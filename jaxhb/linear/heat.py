@@ -20,8 +20,14 @@ from jaxhb._jax import Array, Numbers, namespace, on_host, traced
 from jaxhb._program import Program
 from jaxhb.elements.sentences import SceneError
 from jaxhb.elements.values import joined
-from jaxhb.linear.forced import ForcedResponse, at_rest, forced_response
-from jaxhb.linear.tangent import at_pressed_load
+from jaxhb.linear.forced import (
+    ForcedResponse,
+    at_padded_speeds,
+    at_rest,
+    checked_harmonics,
+    forced_response,
+)
+from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.results.answers import solved
 from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
@@ -50,6 +56,18 @@ def at_temperatures(
 def warm_names(topology: Topology) -> list[str]:
     """Names of the links whose temperature follows from their heat."""
     return [topology.link_names[i] for i in topology.warm_links]
+
+
+def fixed_temperatures(train: DriveTrain) -> list[str]:
+    """Notes on the links that give off their heat, for answers that take them at one
+    temperature.
+    """
+    return [
+        f"{name} stays at {float(train.value(f'{name}.temperature')):g} deg C: the"
+        " linear forced response (jaxhb forced) finds the temperature at which it gives"
+        " off its heat"
+        for name in warm_names(train.topology)
+    ]
 
 
 def heat_balance(
@@ -97,15 +115,15 @@ def heat_balance(
             " found outside jit, vmap and grad. Take jaxhb.forced_response inside, with"
             " temperature set by train.replace."
         )
-    # For its errors, and the train of the response.
-    first = forced_response(train, rpm=rpm, harmonics=harmonics)
+    harmonics = checked_harmonics(linearised(train), rpm, harmonics)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
+    linear = linearised(linear_train(train, rpm=speeds[0]))
     if train.topology.springs:
         # Each speed has the slopes of its own mean load.
         at_speeds = [_alone(train, speed, harmonics) for speed in speeds]
         response = jax.tree.map(lambda *rows: np.stack(rows), *at_speeds)
     else:
-        response = on_host(_balanced(train, speeds, harmonics))
+        response = on_host(at_padded_speeds(_balanced, linear, speeds, harmonics))
     temperatures = np.asarray(response.temperatures)
     power = np.stack([response.power(name) for name in names], axis=-1)
     ambient = np.array([train.value(f"{name}.ambient") for name in names])
@@ -119,11 +137,11 @@ def heat_balance(
             f" {speeds[unsettled][0]:g} rpm. Make over_temperature smoother, or give a"
             " temperature without surface."
         )
-    response = dataclasses.replace(response, train=first.train)
+    response = dataclasses.replace(response, train=linear)
     return response if np.ndim(rpm) else response[0]
 
 
-def _alone(train: DriveTrain, speed: float, harmonics: int | None) -> ForcedResponse:
+def _alone(train: DriveTrain, speed: float, harmonics: int) -> ForcedResponse:
     """The response at one speed of a train with stages, stops, clearance or friction,
     which other links have than those that grow warm.
     """
@@ -162,7 +180,7 @@ def _inside(train: DriveTrain, temperatures: Array) -> Array:
 
 
 @partial(Program, static_argnames="harmonics")
-def _balanced(train: DriveTrain, rpm: Array, harmonics: int | None) -> ForcedResponse:
+def _balanced(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     """The response at speeds ``(n,)`` with its temperatures ``(n, W)``."""
     names = warm_names(train.topology)
     ambient = jnp.stack([jnp.asarray(train.value(f"{name}.ambient")) for name in names])

@@ -144,12 +144,16 @@ def _with_part(
 def _catalogue(content: Mapping[str, Any], path: Path, errors: list[str]) -> Catalogue:
     """Read the parts of all files of a scene."""
     table = content.get("parts", {"files": []})
-    if not (
-        isinstance(table, dict)
-        and table.keys() <= {"files"}
-        and isinstance(table.get("files"), list)
-        and all(isinstance(name, str) for name in table["files"])
-    ):
+    files = None
+    if isinstance(table, dict):
+        unknown = [key for key in table if key != "files"]
+        errors += [
+            f"{path.name}, [parts]: unknown key {shown(key)}."
+            f"{suggestion(key, ['files'])}"
+            for key in unknown
+        ]
+        files = table.get("files", [] if unknown else None)
+    if not (isinstance(files, list) and all(isinstance(name, str) for name in files)):
         errors.append(
             f"{path.name}: 'parts' is {shown(table)}, must hold the names of files"
             ' alone. Write [parts] and files = ["makers.toml"].'

@@ -16,6 +16,7 @@ from jaxhb.equations import fourier
 from jaxhb.equations.state_space import Partition, loss_damping, state_space
 from jaxhb.equations.system import System
 from jaxhb.linear.forced import ForcedResponse, forced_response
+from jaxhb.linear.heat import fixed_temperatures
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState
 from jaxhb.solutions.solve import solve
@@ -204,13 +205,7 @@ class TransientEquations:
                 "loss factors damp each mode at its own frequency, and are no part of"
                 " the torques"
             )
-        for i in topology.warm_links:
-            name = topology.link_names[i]
-            temperature = float(values.value(f"{name}.temperature"))
-            notes.append(
-                f"{name} stays at {temperature:g} deg C: jaxhb forced finds the"
-                " temperature at which it gives off its heat"
-            )
+        notes += fixed_temperatures(values)
         if not topology.load_disk:
             notes.append(
                 "no load takes the torque of an acceleration: each disk is accelerated"

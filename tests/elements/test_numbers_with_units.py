@@ -302,6 +302,9 @@ def test_a_train_takes_numbers_with_units_and_the_flywheel_effect(tmp_path):
     assert changed.value(shaft) == 3e6
     assert changed.value("flywheel.inertia") == 4.0
     assert changed.value("flywheel.gd2") == 16.0
+    # A weight of 9.80665 kN is that of a tonne.
+    changed = train.replace({"flywheel.gd2": "9.80665 kN m2"})
+    assert changed.value("flywheel.inertia") == pytest.approx(250.0, rel=1e-15)
     with pytest.raises(SceneError, match="the value is '3 kN', must be in N m/rad"):
         train.replace({shaft: "3 kN"})
     assert in_si(train.topology, {"no.such": "3 kN"}) == {"no.such": "3 kN"}

@@ -7,11 +7,13 @@ import json
 import jax
 import numpy as np
 import pytest
+from compiling import executables
 from scipy.optimize import brentq
 
 import jaxhb
 from jaxhb import Damper, Disk, Shaft, Torque
 from jaxhb.cli.main import main
+from jaxhb.linear import forced, heat
 from jaxhb.scene.writer import elements_text
 
 LAW = ((20.0, 1.0, 1.0), (60.0, 1.0, 0.6), (100.0, 1.0, 0.35), (150.0, 1.0, 0.2))
@@ -78,6 +80,15 @@ def test_speeds_are_found_beside_each_other_as_alone():
     np.testing.assert_allclose(together, alone, atol=FOUND)
 
 
+def test_few_speeds_more_or_less_compile_nothing():
+    train = built(damped())
+    response = jaxhb.heat_balance(train, rpm=[500.0, 700.0, 900.0])
+    before = executables(heat._balanced), executables(forced._respond)
+    fewer = jaxhb.heat_balance(train, rpm=[500.0, 700.0])
+    assert (executables(heat._balanced), executables(forced._respond)) == before
+    np.testing.assert_array_equal(fewer.temperatures, response.temperatures[:2])
+
+
 @pytest.mark.slow
 def test_two_links_and_stages_beside_them_have_their_own_balance():
     coupling = Shaft(
@@ -125,7 +136,7 @@ def test_a_transient_tells_at_which_temperature_it_takes_a_damper():
             | {"temperature": 55.0},
         )
     )
-    assert "ring stays at 40 deg C: jaxhb forced finds" in " ".join(air)
+    assert "ring stays at 40 deg C: the linear forced response" in " ".join(air)
     assert "ring stays at 55 deg C" in " ".join(own)
     assert "deg C" not in " ".join(none)
 
@@ -169,6 +180,25 @@ def test_the_command_tells_temperature_and_damping(tmp_path, capsys):
     last = capsys.readouterr().out.split("heat W")[1].splitlines()[2].split()
     damping = DAMPING * np.interp(temperatures[1], *np.transpose(LAW)[[0, 2]])
     assert float(last[-2]) == pytest.approx(damping, rel=1e-3)
+
+
+def test_commands_without_a_balance_of_heat_tell_the_temperature(tmp_path, capsys):
+    path = tmp_path / "warm.toml"
+    path.write_text(elements_text(damped(), name="warm", revolutions_per_cycle=1))
+    note = "ring stays at 40 deg C: the linear forced response"
+    record = tmp_path / "warm.json"
+    page = tmp_path / "warm.html"
+    for command in (
+        ["solve", "--rpm", "900", "--json", str(record)],
+        ["sweep", "--rpm", "800,900"],
+        ["report", "--rpm", "800,900", "--html", str(page)],
+        ["modes"],
+    ):
+        assert main([command[0], str(path), *command[1:]]) == 0
+        assert capsys.readouterr().out.count(note) == 1
+    assert any(note in each for each in json.loads(record.read_text())["notes"])
+    # Among the notes and beside the modes, but not beside the linear forced response
+    assert page.read_text().count(note) == 2
 
 
 @pytest.mark.parametrize(

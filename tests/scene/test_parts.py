@@ -222,7 +222,7 @@ def test_a_changed_scene_keeps_its_parts_and_loads_to_the_changed_train(scene):
             'files = ["makers.toml"]',
             "file = 3",
             [
-                "'parts' is {'file': 3}",
+                "[parts]: unknown key 'file'. Did you mean 'files'?",
             ],
         ),
         (

@@ -162,7 +162,9 @@ def test_new_writes_a_sheet_for_every_kind_of_element_with_lists_and_examples(
     result = CliRunner().invoke(program, ["new", "--xlsx", str(path)])
     assert result.exit_code == 0
     book = openpyxl.load_workbook(path)
-    assert {"notes", "scene", *TABLES, "engine"} <= {*book.sheetnames}
+    tables = {"scene", *TABLES, "engine", "report", "parts"}
+    assert {"notes", *tables} <= {*book.sheetnames}
+    assert [cell.value for cell in book["parts"]["A"]] == ["key", "files", "# files"]
     shaft = book["shaft"]
     heads = [cell.value for cell in shaft[1]]
     assert heads[:3] == ["name", "from", "to"]
@@ -204,6 +206,20 @@ def test_files_of_parts_stay_beside_the_workbook(tmp_path, capsys):
     assert main(["new", "--xlsx", str(path), "--from", str(scene)]) == 0
     assert "makers.toml is written" in capsys.readouterr().out
     assert same(load_scene(path), load_scene(scene))
+
+
+def test_emptied_sheets_make_no_table(tmp_path):
+    emptied = {
+        "tune": [["key", "value"], ["rpm"]],
+        "tune.parameter": [["name", "low", "high"]],
+        "tune.objective": [["quantity", "of"]],
+        "report": [["key", "value"], ["yard"], ["# yard", "Nordwerft"]],
+        "parts": [["key", "value"], ["files"]],
+    }
+    path = tmp_path / "plant.xlsx"
+    book_of(plant(**emptied)).save(path)
+    content = workbook_content(path.read_bytes(), path.name, [])
+    assert not {"tune", "report", "parts"} & {*content}
 
 
 def book_of(sheets):
@@ -419,6 +435,14 @@ FAULTS = {
     "setting twice": (
         {"scene": [["key", "value"], ["rated_rpm", 1500], ["rated_rpm [Hz]", 20]]},
         "sheet scene, cell A3: 'rated_rpm' is there twice. Keep one.",
+    ),
+    "unknown key of parts": (
+        {"parts": [["key", "value"], ["file", "makers.toml"]]},
+        "sheet parts, cell B2: unknown key 'file'. Did you mean 'files'?",
+    ),
+    "no picture": (
+        {"report": [["key", "value"], ["yard", "N"], ["logo", "a.txt"]]},
+        "sheet report, cell B3: logo 'a.txt' is no picture.",
     ),
     "unit of rows": (
         {"torque": [["disk", "harmonics [kN m]"], ["a", "[[0.5, 3, 0]]"]]},

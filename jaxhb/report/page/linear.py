@@ -181,7 +181,10 @@ def forced(report: Report) -> list[Block]:
     if chosen:
         remark += f" Sums and orders in the figures: {normal}."
         remark += " Lines of a misfire are its half peak-to-peak." if misfires else ""
-    blocks: list[Block] = [remark, *approximations(report.train, report.rpm)]
+    blocks: list[Block] = [
+        remark,
+        *approximations(report.train, report.rpm, balanced=True),
+    ]
     if len(elements) < len(every):
         blocks.append(
             f"Of {len(every)} elements those with the largest sums of amplitudes are"

@@ -21,7 +21,7 @@ from jaxhb.linear.critical import (
 )
 from jaxhb.linear.cylinders.vector_sums import VectorSums
 from jaxhb.linear.forced import ForcedResponse
-from jaxhb.linear.heat import span_of, warm_names
+from jaxhb.linear.heat import fixed_temperatures, span_of, warm_names
 from jaxhb.linear.holzer import HolzerTable
 from jaxhb.linear.margins import Separation
 from jaxhb.linear.modal import Modes
@@ -299,11 +299,13 @@ def approximations(
     response: ForcedResponse | None = None,
     *,
     closed: bool = True,
+    balanced: bool = False,
 ) -> list[str]:
     """Sentences on what linear calculations take at the mean load or leave out, one for
     each element and reason: of one speed or several, by default of that of
     :func:`own_speed`; ``response``, a :class:`jaxhb.ForcedResponse` at these, tells
-    which vibrations leave the stage; ``closed``: clearances are.
+    which vibrations leave the stage; ``closed``: clearances are; ``balanced``: links
+    have the temperature of their heat, as they have in a response.
     """
     topology = train.topology
     springs: dict[int, dict[str, list[int]]] = {}
@@ -313,7 +315,11 @@ def approximations(
     loads = []
     if springs:
         loads = [at_pressed_load(train, rpm=float(speed)) for speed in speeds]
-    sentences = [] if response is None else _outside_rows(train, response)
+    sentences = []
+    if response is not None:
+        sentences = _outside_rows(train, response)
+    elif not balanced:
+        sentences = [f"{note}." for note in fixed_temperatures(train)]
     for place, (link, kinds) in enumerate(springs.items()):
         name = topology.link_names[link]
         if "stages" in kinds or "stops" in kinds:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxhb._jax import Number
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
+from jaxhb.linear.heat import fixed_temperatures
 from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, SweepAxis
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
@@ -284,6 +285,10 @@ def notes(*answers: Answer) -> list[str]:
         for note in answer.train.outside_traces(answer.rpm)
     )
     sentences += once_alike(outside, axis)
+    temperatures = (
+        note for answer in answers for note in fixed_temperatures(answer.train)
+    )
+    sentences += [f"{note}." for note in dict.fromkeys(temperatures)]
     sentences += torque_notes([answer.balance for answer in answers])
     return sentences + _tooth_notes([answer for answer in answers if answer.known])
 

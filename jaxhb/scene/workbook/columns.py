@@ -10,7 +10,7 @@ from typing import Any
 from jaxhb.elements.declared import fields_of_class, unit_of
 from jaxhb.elements.elements import Head
 from jaxhb.elements.units import units_of_columns
-from jaxhb.scene.title_block import KEYS
+from jaxhb.scene.title_block import KEYS, KEYS_BESIDE
 
 ENDS = ("from", "to")
 """Heads of the two disks of a link."""
@@ -24,6 +24,10 @@ _FREE = {"name": "name", "of": "name"}
 _FREE |= dict.fromkeys(("together", "without", "events", "files"), "list")
 """Kinds of keys of tables that have no declared fields; others hold anything."""
 
+_TITLE_BLOCK = "a text in the title block of reports; logo: a picture beside the scene"
+_UNITS = 'units of answers by quantity, as {"torque": "kN m"}'
+_PARTS = "files of catalogue parts beside the scene, with semicolons between them"
+
 NUMBERS = ("number", "count", "shorthand", "numbers")
 """Kinds of columns of numbers."""
 
@@ -34,7 +38,8 @@ class Column:
 
     path : keys that lead to its value in a row of the scene; a number behind the key of
     a pair; kind : of the declared field, "" for anything; unit : SI, of the numbers in
-    its cells, of several ``"N m; s"``; cls, field : where it is declared
+    its cells, of several ``"N m; s"``; cls, field : where it is declared; note : what
+    its cells hold, where no field tells it
     """
 
     path: tuple[str | int, ...]
@@ -42,6 +47,7 @@ class Column:
     unit: str = ""
     cls: type | None = None
     field: dataclasses.Field | None = None
+    note: str = ""
 
     @property
     def name(self) -> str:
@@ -89,7 +95,7 @@ class Column:
 
     def explained(self) -> str:
         """Say what a cell may hold."""
-        parts = [_KINDS.get(self.kind, "")]
+        parts = [self.note or _KINDS.get(self.kind, "")]
         if self.kind in ("rows", "tables"):
             parts[0] += f" with the columns {', '.join(self._sheet_heads())}"
         metadata: Mapping[str, Any] = self.field.metadata if self.field else {}
@@ -168,7 +174,16 @@ def settings_columns(table: str) -> list[Column]:
     """Columns of a table of settings whose keys are known."""
     if table == "scene":
         return columns_of(Head)
-    return [Column((key,), "text") for key in KEYS] if table == "report" else []
+    return list(_SETTINGS_COLUMNS.get(table, ()))
+
+
+_SETTINGS_COLUMNS = {
+    "report": (
+        *(Column((key,), "text", note=_TITLE_BLOCK) for key in KEYS),
+        *(Column((key,), note=_UNITS) for key in KEYS_BESIDE),
+    ),
+    "parts": (Column(("files",), "list", note=_PARTS),),
+}
 
 
 def free_column(key: str) -> Column:

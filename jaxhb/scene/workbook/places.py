@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 
 from jaxhb.elements.sentences import shown
+from jaxhb.scene.workbook.columns import SETTINGS
 from jaxhb.scene.workbook.reading import Place, Reader
 
 
@@ -28,9 +29,9 @@ def _renamed(reader: Reader, sentence: str) -> str:
         table = match["table"] or match["engine"]
         number = int(match["number"] or 1) - 1
         return _of_element(reader, (table, number), match["rest"]) or sentence
-    match = re.match(rf"{begin}, \[scene\](?P<rest>.*)", sentence, re.S)
+    match = re.match(rf"{begin}, \[({'|'.join(SETTINGS)})\](.*)", sentence, re.S)
     if match:
-        return _of_setting(reader, ("scene",), match["rest"]) or sentence
+        return _of_setting(reader, (match[1],), match[2]) or sentence
     match = re.match(rf"{begin}, \[scenario\.([^\]]*)\](?P<rest>.*)", sentence, re.S)
     if match:
         return _of_setting(reader, ("scenario", match[1]), match["rest"]) or sentence

@@ -115,7 +115,8 @@ class Reader:
         elif name == "scenario":
             value = self._scenarios(grid)
         elif table in SETTINGS and inner:
-            value = {inner: self._elements(grid, None, (name,))}
+            rows = self._elements(grid, None, (name,))
+            value = {inner: rows} if rows else {}
         else:
             return
         self._named.add(name)

@@ -28,6 +28,9 @@ from jaxhb.scene.workbook.values import cell_of
 _LONGEST = 31  # characters of the name of a sheet
 _LAST_ROW = 1000  # with drop-down lists
 _OF_SETTINGS = tuple(f"{table}." for table in SETTINGS)
+_OFFERED = {"report": ("yard", "Nordwerft"), "parts": ("files", "makers.toml")}
+"""Tables of settings whose sheets are always there, with an example of a key."""
+_EMPTY = "BFBFBF"
 _REQUIRED = "FFF2CC"
 _GIVEN = "D9E1F2"
 _EXPLANATION = (
@@ -46,7 +49,9 @@ _EXPLANATION = (
     "A row, a head or the name of a sheet that begins with # is a remark. Formulas may"
     " stand anywhere: their values are read as the spreadsheet program saved them.",
     "The sheet scenario has a column for each operating mode, the sheet tolerance how"
-    " far numbers may deviate, the sheets tune and tune.* what jaxhb tune changes.",
+    " far numbers may deviate, the sheets tune and tune.* what jaxhb tune changes. The"
+    " sheet report has the title block of reports, the sheet parts the files of"
+    " catalogue parts.",
     "Keys are described in docs/reference/scene.md.",
 )
 
@@ -135,7 +140,9 @@ class _Writer:
     def _settings(
         self, name: str, settings: Mapping[str, Any], columns: Sequence[Column]
     ) -> None:
-        """Write keys and values below each other: all of declared ``columns``."""
+        """Write keys and values below each other: all of declared ``columns``; where
+        there are no values an example, as a remark.
+        """
         declared = {column.name: column for column in columns}
         keys = dict.fromkeys((*declared, *settings))
         sheet = self._new_sheet(name)
@@ -147,6 +154,10 @@ class _Writer:
                 self._put(sheet.cell(number, 2), settings[key], column, name)
             if key in declared:
                 _prompt(sheet, column, f"B{number}")
+        if not settings and name in _OFFERED:
+            sheet.sheet_properties.tabColor = _EMPTY
+            key, value = _OFFERED[name]
+            sheet.append([f"# {key}", value])
         sheet.column_dimensions["A"].width = 28
         sheet.column_dimensions["B"].width = 60
 
@@ -174,7 +185,7 @@ class _Writer:
                 if value is not None:
                     self._put(sheet.cell(number, place), value, column, owner)
         if not rows and example:
-            sheet.sheet_properties.tabColor = "BFBFBF"
+            sheet.sheet_properties.tabColor = _EMPTY
             for place, column in enumerate(columns, 1):
                 text = _example(column, name, example)
                 cell = sheet.cell(2, place)
@@ -263,7 +274,9 @@ class _Writer:
         cell.hyperlink = Hyperlink(ref=cell.coordinate, location=f"'{name}'!A1")
 
     def _beside(self, content: Mapping[str, Any]) -> None:
-        """Write the tables that are no elements, as far as the scene has them."""
+        """Write the tables that are no elements, as far as the scene has them or they
+        are offered.
+        """
         scenarios = {
             name: _flat(values) for name, values in content.get("scenario", {}).items()
         }
@@ -280,7 +293,7 @@ class _Writer:
             settings = content.get(table, {})
             lists = {key: rows for key, rows in settings.items() if _is_tables(rows)}
             plain = {key: v for key, v in settings.items() if key not in lists}
-            if settings and table != "scene":
+            if (settings or table in _OFFERED) and table != "scene":
                 self._settings(table, plain, settings_columns(table))
             for key, rows in lists.items():
                 self._elements(f"{table}.{key}", _free_columns(rows), rows)
