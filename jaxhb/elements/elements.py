@@ -338,7 +338,7 @@ class Load:
     ``archer`` a, beside the law "propeller", gives its disk Archer's damping of
     propellers, ``c = a M / n`` in N m s/rad with the torque M in N m that the law has
     at the speed n of its own shaft in rpm: proportional to the speed
-    (:func:`jaxhb.train.varying.archer_damping`).
+    (``jaxhb.train.varying.archer_damping``).
     """
 
     disk: str = declared("disk")
