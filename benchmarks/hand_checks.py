@@ -1,5 +1,5 @@
-"""What an engineer checks by hand, beside jaxhb, on two plants: modes, orders, stresses,
-limits, losses, blade orders, a misfire that keeps its compression.
+"""Numbers that an engineer checks by hand, beside jaxhb, on two plants: modes, orders,
+stresses, limits, losses, blade orders, a misfire that keeps its compression.
 
     python benchmarks/hand_checks.py                     both plants, a minute
     python benchmarks/hand_checks.py --plants two_stroke --json rows.jsonl
@@ -67,7 +67,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Case:
-    """What is checked on a plant.
+    """Choice of the numbers that are checked on a plant.
 
     resonance : number of the mode and order that meet at the critical speed; shaft : what
     is judged there; cylinder : whose torques are compared, and which misfires; disks : two

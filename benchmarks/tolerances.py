@@ -123,7 +123,7 @@ def robust(seeds):
 
 
 def measured(call):
-    """What a call gives, and its processor time, the median of three after a first that
+    """Result of a call and its processor time, the median of three after a first that
     compiles.
     """
     taken = []

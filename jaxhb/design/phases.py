@@ -120,8 +120,7 @@ def worst_phase(
     their amplitude, a scan of the circle by :func:`jaxhb.steady_state`, without
     ``exact``, so that numbers are good to about 1 %; round the worst phase of each
     quantity, at the speed at which it is largest, by parabolas. What is narrower than a
-    step of the scan may be missed. :class:`SceneError` of
-    unknown names.
+    step of the scan may be missed. :class:`SceneError` of unknown names.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What each cylinder adds to a linear response, against responses to one cylinder."""
+"""Contributions of cylinders to a linear response, against responses to one alone."""
 
 import numpy as np
 import pytest

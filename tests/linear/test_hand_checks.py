@@ -75,7 +75,7 @@ def test_tangential_pressures_are_those_by_hand(both):
 
 
 def test_a_plant_of_other_numbers_differs(both):
-    """What is compared depends on the numbers of the scene."""
+    """Both numbers of a comparison depend on the scene."""
     scene = copy.deepcopy(both.scene)
     scene["disk"][0]["inertia"] *= 1.01
     scene["engine"]["combustion"]["charge_pressure"] *= 1.01

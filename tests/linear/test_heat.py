@@ -126,7 +126,7 @@ def test_a_train_without_a_balance_of_heat_has_its_forced_response():
 
 
 def test_a_transient_tells_at_which_temperature_it_takes_a_damper():
-    """That of the air, or its own, and none where nothing gives off heat."""
+    """It is that of the air, or its own; no note where nothing gives off heat."""
     air, own, none = (
         jaxhb.transient(built(damped(**keys)), seconds=0.05, speed=900.0).notes
         for keys in (

@@ -16,7 +16,7 @@ ROUNDING = 1e-12  # of sums of a dozen unit vectors
 
 
 def test_sums_of_an_even_engine_are_all_cylinders_or_nothing():
-    """Of six cylinders the vectors of orders 3, 6, 9, 12 have one direction."""
+    """Six cylinders have vectors of one direction in orders 3, 6, 9 and 12."""
     train = jaxhb.load_scene("six_cylinder_diesel")
     sums = jaxhb.vector_sums(train)
     np.testing.assert_array_equal(sums.orders, np.arange(1, 25) / 2)

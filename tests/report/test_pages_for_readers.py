@@ -1,4 +1,4 @@
-"""What those read who sign a page and who check it: names, units, words and ranges that
+"""Pages for those who sign them and who check them: names, units, words and ranges that
 they know, and numbers that agree from part to part.
 """
 

@@ -199,7 +199,7 @@ def test_the_order_of_elements_and_their_names_do_not_matter():
 
 
 def test_steps_half_as_long_err_by_a_sixteenth():
-    """Of fourth order in the torques over a step."""
+    """Its order is four in the torques over a step."""
     errors = []
     for refine in (2, 4, 8):
         found = jaxhb.transient(
